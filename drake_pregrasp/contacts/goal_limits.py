@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.arrays import BoolArray, FloatArray, norms
 from drake_pregrasp.contacts.quality_guard import Measure, keep_quality
 from drake_pregrasp.contacts.selection_input import ContactGoals, ContactStatus, SelectionInput
 from drake_pregrasp.errors import InvalidArgumentError
@@ -156,8 +156,7 @@ def tip_gaps(
         Gaps in metres, below zero where tips are too near; infinite on the diagonal.
     """
     centres = p_OC + tip_radii[:, None] * nhat_OC
-    distances = np.linalg.norm(centres[:, None] - centres, axis=2)
-    gaps: FloatArray = distances - tip_radii[:, None] - tip_radii - gap
+    gaps: FloatArray = norms(centres[:, None] - centres) - tip_radii[:, None] - tip_radii - gap
     np.fill_diagonal(gaps, np.inf)
     return gaps
 
@@ -176,6 +175,8 @@ def hold_where_tips_meet(
     """
     p_OC, p_OC_before = goals.copy(), selection.p_OC
     both_active = selection.active[:, None] & selection.active
+    if not ((_gaps(selection, p_OC) < -ROUNDING) & both_active).any():
+        return p_OC
     needed = np.minimum(0.0, _gaps(selection, p_OC_before)) - ROUNDING
     partners = {pair.first: pair.second for pair in pairs}
     partners |= {pair.second: pair.first for pair in pairs}
@@ -349,9 +350,9 @@ def judged_goals(
         off = there[barred]
         active[off], limits[off], causes[off] = False, limit[barred], cause[barred]
     if len(constraints.tip_radii):
-        gaps = _gaps(selection, goals)
-        for contact in np.flatnonzero(active).tolist():
-            meets = np.flatnonzero((gaps[contact, :contact] < -ROUNDING) & active[:contact])
+        overlap = _gaps(selection, goals) < -ROUNDING
+        for contact in np.flatnonzero(active & overlap.any(axis=1)).tolist():
+            meets = np.flatnonzero(overlap[contact, :contact] & active[:contact])
             if len(meets):
                 active[contact], limits[contact], causes[contact] = False, Limit.CROWDED, meets[0]
     for pair in contact_limits.pairs:

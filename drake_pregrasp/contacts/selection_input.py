@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
-from drake_pregrasp.geometry.surface import ObjectSurface, RememberedProjection
+from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.constraints import LimitFunction, Predicates
 from drake_pregrasp.regions.safe_regions import SafeRegions
 
@@ -124,9 +124,15 @@ class SelectionInput:
         return self.regions.counts > 0
 
     @cached_property
-    def project(self) -> RememberedProjection:
-        """Projects points onto the surface, each once a tick."""
-        return RememberedProjection(self.surface)
+    def _known(self) -> dict[Any, tuple[Any, Any]]:
+        return {}
+
+    def project(self, p_OP: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Projects points like `ObjectSurface.project`, the same points once a tick."""
+        if (key := p_OP.tobytes()) not in self._known:
+            self._known[key] = self.surface.project(p_OP)
+        points, normals = self._known[key]
+        return points.copy(), normals.copy()
 
     def limits_of(self, contacts: IntArray, p_OC: FloatArray) -> tuple[IntArray, IntArray]:
         """Returns the limits that keep contacts from points of the surface, and causes, (k,) each.
@@ -135,7 +141,10 @@ class SelectionInput:
             contacts: Indices of the contacts, shape (k,).
             p_OC: Point for each contact, shape (k, 3), in metres.
         """
-        return self.limits_at(self.regions.predicates, contacts, p_OC, self.project(p_OC)[1])
+        if (key := (contacts.tobytes(), p_OC.tobytes())) not in self._known:
+            normals = self.project(p_OC)[1]
+            self._known[key] = self.limits_at(self.regions.predicates, contacts, p_OC, normals)
+        return self._known[key]
 
 
 WeightFunction = Callable[[SelectionInput, int], FloatArray]

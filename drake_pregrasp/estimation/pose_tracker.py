@@ -85,11 +85,11 @@ def update_track(
         earlier = unpack_belief(before[-1, MEASUREMENT_SIZE:])
     factor = track.noise_factor
     prior, new, posterior = settings.step(earlier, measurement, noise, settings.p_OCoM, factor)
-    variance = prior.P_orientation.diagonal()[:3].max()
+    variance = max(prior.P_orientation.diagonal()[:3].tolist())
     if variance > _VAGUE**2 + noise.orientation**2 and not is_late:
         return _start(track, measurement, settings, prior)
-    largest = new.squared.max()
-    is_expected = bool(largest <= settings.first_gate_squared)
+    largest = max(new.squared.tolist())
+    is_expected = largest <= settings.first_gate_squared
     is_expected = is_expected or bool((new.squared <= settings.gates_squared(earlier)).all())
     steps = np.concatenate([seen, pack(posterior)])[None]
     recent[-1, MEASUREMENT_SIZE:] = new.squared
@@ -118,12 +118,14 @@ def update_track(
             after = replace(track, **statistics, confirmed=confirmed)
             return _refuse(after, rival, support, measurement, settings)
         alternative = pack(rival)
-    before = track.steps[: np.searchsorted(track.steps[:, 0], steps[0, 0])]
+    before = track.steps
+    if len(steps) > 1:  # Those of a manoeuvre replace earlier ones.
+        before = before[: np.searchsorted(before[:, 0], steps[0, 0])]
     # With noise, successive innovations differ, with the covariance 2 S. With a motion that the
     # filter does not expect, they are similar.
     change = new.nu - track.last_innovation
-    shares = (change * change).sum(axis=1) / new.S.trace(axis1=1, axis2=2)
-    level = min(1.0, float(shares.sum()) / 4)
+    shares = np.einsum("ki,ki->k", change, change) / np.einsum("kii->k", new.S)
+    level = min(1.0, sum(shares.tolist()) / 4)
     confirmed = track.confirmed + 1
     refused = 0 if confirmed >= settings.reacquire_after else max(0, track.refused - 1)
     return replace(

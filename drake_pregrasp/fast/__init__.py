@@ -22,12 +22,13 @@ rounded edges, with infinite bounds for half-spaces, and share one formula for t
 
 **Blocks.** Candidates never move in the object's frame. At construction they are sorted into
 compact blocks of 64, each with a bounding box of its positions and of its normals. In a tick a
-block finds its owners, then discards what cannot divide it: a half-space that contains the box; an
-obstacle farther away than the box is large; a reach that contains the box. This works because
-every predicate is a distance, or changes no faster than one: its value at the box's middle, plus or
-minus the size of the box, decides the whole block. Only what is left is tested point by point, most
-often a few of hundreds of half-spaces in a few blocks at the boundaries of regions. Of 2,000
-obstacle points, too, a block tests only those nearby.
+block finds the contacts that may own its candidates, most often one, then discards what cannot
+divide it: a half-space that contains the box; an obstacle farther away than the box is large. This
+works because power distances differ by a linear function, and a distance changes no faster than its
+point: the value at the box's middle, plus or minus the size of the box, decides the whole block.
+Only what is left is tested for all candidates of the block at once, most often a few of hundreds of
+half-spaces in a few blocks at the boundaries of regions. Of 2,000 obstacle points, too, a block
+tests only those nearby.
 
 **Reasons.** A region that comes out tiny has its cell counted in the same call: for each limit, how
 many candidates of the cell it excludes. Blocks without candidates of the cell are skipped.

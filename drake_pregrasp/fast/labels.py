@@ -10,11 +10,9 @@ from drake_pregrasp.fast.blocks import BLOCK, Blocks
 from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.fast.predicates import (
     SHARED,
-    is_closed,
-    limit_of_point,
+    limits_of_block,
     near_obstacles,
     no_limits,
-    reach_of_box,
     shared_arrays,
 )
 from drake_pregrasp.regions.constraints import NO_CAUSE, UNCONSTRAINED, Limit
@@ -26,11 +24,33 @@ _NUM_LIMITS = len(Limit)
 
 
 @compiled()
-def own_cells(q, start, stop, c, half_power, same_side, places, owners, least, power):  # type: ignore[no-untyped-def]
+def contenders(c, half_power, box, extent, power, which):  # type: ignore[no-untyped-def]
+    """Writes the contacts whose cells may have points in a box, and returns their number."""
+    d, nearest, count = c.shape[1], 0, 0
+    for i in range(len(c)):
+        power[i] = half_power[i]
+        for axis in range(d):
+            power[i] -= c[i, axis] * box[axis]
+        nearest = i if power[i] < power[nearest] else nearest
+    for i in range(len(c)):
+        least, size = power[i] - power[nearest], abs(half_power[i]) + abs(half_power[nearest])
+        for axis in range(d):
+            least -= abs(c[i, axis] - c[nearest, axis]) * box[d + axis]
+        if half_power[i] < np.inf and not least > _SLACK * (size + d * extent * extent):
+            which[count] = i
+            count += 1
+    return count
+
+
+@compiled()
+def own_cells(q, start, stop, c, half_power, same_side, places, owners, least, power, which):  # type: ignore[no-untyped-def]
     """Writes the contact whose cell each candidate of a block lies in, or `NO_REGION`."""
     x, y, z, size = q[0, start:stop], q[1, start:stop], q[2, start:stop], stop - start
     least[:size], owners[:size] = np.inf, NO_REGION
-    for i in range(len(c)):
+    if len(which) == 1 and not same_side.size:
+        owners[:size] = which[0]
+        return
+    for i in which:
         cx, cy, cz, half = c[i, 0], c[i, 1], c[i, 2], half_power[i]
         for k in range(size):
             power[k] = half - (cx * x[k] + cy * y[k] + cz * z[k])
@@ -74,27 +94,23 @@ def cutting_half_spaces(normals, bounds, slack, c, box, over, reach, cutting, fi
 
 
 @compiled()
-def exclude(normals, bounds, j, c, q, start, stop, over, excluded):  # type: ignore[no-untyped-def]
-    """Marks the points of a block that are outside half-space j."""
+def exclude(normals, bounds, j, c, q, start, stop, over, beyond):  # type: ignore[no-untyped-def]
+    """Raises the largest excess of the points of a block over bounds to that over half-space j."""
     x, y, z = q[0, start:stop], q[1, start:stop], q[2, start:stop]
     a, b, d, bound = normals[0, j], normals[1, j], normals[2, j], bounds[j]
     cx, cy, cz = c[0], c[1], c[2]
-    if len(q) == 3:
-        for k in range(stop - start):
-            excluded[k] |= a * (x[k] - cx) + b * (y[k] - cy) + d * (z[k] - cz) > bound
-        return
     for k in range(stop - start):
         over[k] = a * (x[k] - cx) + b * (y[k] - cy) + d * (z[k] - cz)
     for axis in range(3, len(q)):
         for k in range(stop - start):
             over[k] += normals[axis, j] * (q[axis, start + k] - c[axis])
     for k in range(stop - start):
-        excluded[k] |= over[k] > bound
+        beyond[k] = over[k] - bound if over[k] - bound > beyond[k] else beyond[k]
 
 
 @compiled()
 def limit_of_region(  # type: ignore[no-untyped-def]
-    i, blocks, cells, c, same_side, few, half_spaces, contact, shared, scratch, lists
+    i, blocks, cells, c, same_side, few, half_spaces, contact, shared, scratch, lists, out
 ):
     """Returns the limit that leaves a contact a tiny region, and its cause, as the reference does.
 
@@ -105,9 +121,9 @@ def limit_of_region(  # type: ignore[no-untyped-def]
     q, nhat, places, starts, boxes = blocks
     normals, bounds, slack, limits, causes = half_spaces
     solids, points, _, _, _ = shared
-    width = 2 + max(largest(causes), largest(solids[:, 19]), largest(points[:, 4]))
+    width = 2 + len(c) + len(solids) + len(points)  # More than the largest cause.
     counts = np.zeros(_NUM_LIMITS * width, np.int64)  # By limit, then by cause, from -1 on.
-    by_points, excluded = counts.copy(), np.empty(BLOCK, dtype=np.bool_)
+    by_points, beyond = counts.copy(), np.empty(BLOCK)
     d, own, nearest, cell = len(q), 0, math.inf, NO_REGION
     nearest_place = -1
     for block in range(len(starts) - 1):
@@ -139,18 +155,18 @@ def limit_of_region(  # type: ignore[no-untyped-def]
             if key != before:
                 if before >= 0:
                     for k in range(start, stop):
-                        counts[before] += excluded[k - start] and cells[k] == i
-                excluded[:] = False
+                        counts[before] += beyond[k - start] > 0.0 and cells[k] == i
+                beyond[:] = 0.0
                 before = key
             if number < count:
                 j = cutting[number]
-                exclude(normals, bounds, j, c[i], q, start, stop, power, excluded)
+                exclude(normals, bounds, j, c[i], q, start, stop, power, beyond)
         box = box_of(boxes[block], d)
         near = near_obstacles(contact, box, shared, near_lists, over)
+        limits_of_block(i, contact, q, nhat, start, stop, shared, near, out)
         for k in range(start, stop):
             if cells[k] == i:
-                place, normal = (q[0, k], q[1, k], q[2, k]), (nhat[0, k], nhat[1, k], nhat[2, k])
-                limit, cause = limit_of_point(i, contact, place, normal, shared, near, True)
+                limit, cause = out[0][k - start], out[1][k - start]
                 if limit != _NONE:
                     by_points[limit * width + cause + 1] += 1
     best, most = 0, 0
@@ -165,12 +181,12 @@ def limit_of_region(  # type: ignore[no-untyped-def]
 
 
 @compiled()
-def largest(values):  # type: ignore[no-untyped-def]
-    """Returns the largest of some numbers as an integer, at least -1."""
-    result = -1
-    for value in values:
-        result = max(result, int(value))
-    return result
+def count_of(labels, size, label):  # type: ignore[no-untyped-def]
+    """Returns how many of the first labels are that one."""
+    count = 0
+    for k in range(size):
+        count += labels[k] == label
+    return count
 
 
 @compiled()
@@ -185,7 +201,7 @@ def box_of(row, d):  # type: ignore[no-untyped-def]
     " Tuple((f8[:,:,::1], f8[:,::1], i8[::1], i8[::1])), b1[:,::1], f8[:,::1],"
     f" {SHARED})"
 )
-def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, shared):  # type: ignore[no-untyped-def]
+def label_blocks(blocks, c, h, few, half_spaces, same_side, contacts, shared):  # type: ignore[no-untyped-def]
     """Returns labels in the order of the candidates, limits and causes, as `label_candidates`.
 
     Loops run along one array at a time, so that the compiler makes vector instructions of them.
@@ -193,7 +209,7 @@ def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, s
     Args:
         blocks: Attributes of `Blocks`: q, nhat, order, starts and boxes.
         c: Contacts, shape (n, d), in metres.
-        half_power: (|c_i|² - h_i)/2, shape (n,), in m²; infinite for lost fingers.
+        h: Weights h_i, shape (n,), in m²; -inf for lost fingers.
         few: Number of candidates below which a region is tiny.
         half_spaces: Normals of the half-spaces, shape (n, d, m), in metres; their bounds for points
             relative to the contact, shape (n, m), in m²; `Limit` and cause of each, shape (m,).
@@ -202,26 +218,31 @@ def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, s
         contacts: Rows of the contacts, as in `Predicates`.
         shared: What the contacts share; see `shared_arrays`.
     """
-    (q, nhat, order, starts, boxes), (solids, points, _, standoff, hand) = blocks, shared
+    (q, nhat, order, starts, boxes), (solids, points, _, _, hand) = blocks, shared
     by_axis, bounds, by_limit, by_cause = half_spaces
     n, d, m = by_axis.shape
     labels, cells = np.empty(q.shape[1], dtype=np.int64), np.empty(q.shape[1], dtype=np.int64)
     owners, sizes = np.empty(BLOCK, dtype=np.int64), np.zeros(n, dtype=np.int64)
-    least, power, excluded = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK, dtype=np.bool_)
+    least, power, beyond = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
     most = max(m, len(points))
     over, reach, cutting = np.empty(most), np.empty(most), np.empty(most + 1, dtype=np.int64)
     near_lists = np.empty(len(solids), np.int64), np.empty(len(points), np.int64)
-    owns, is_free = np.empty(n, dtype=np.bool_), np.empty(n, dtype=np.bool_)
-    extent, slack, limiting = 0.0, np.empty((n, m)), np.max(hand[4]) > 0.0
+    powers, which, everybody = np.empty(n), np.empty(n, dtype=np.int64), np.arange(n)
+    out = np.empty(BLOCK, dtype=np.int64), np.empty(BLOCK, dtype=np.int64), power
+    half_power, is_limited = np.empty(n), np.empty(n, dtype=np.bool_)
+    extent, slack = 0.0, np.empty((n, m))
     for i in range(n):
+        square = 0.0
         for axis in range(d):
+            square += c[i, axis] * c[i, axis]
             extent = max(extent, abs(c[i, axis]))
+        half_power[i] = (square - h[i]) / 2.0  # Infinite for lost fingers.
     for block in range(len(boxes)):
         for axis in range(d):
             extent = max(extent, abs(boxes[block, axis]) + boxes[block, d + axis])
     extent *= 2.0
     for i in range(n):
-        is_free[i] = not (len(solids) or len(points) or limiting) and no_limits(contacts[i])
+        is_limited[i] = np.max(hand[4]) > 0.0 or not no_limits(contacts[i])
         for j in range(m):
             size = 0.0
             for axis in range(d):
@@ -230,59 +251,41 @@ def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, s
     for block in range(len(boxes)):
         start, stop = starts[block], starts[block + 1]
         places, size = order[start:stop], stop - start
-        own_cells(q, start, stop, c, half_power, same_side, places, owners, least, power)
-        owns[:] = False
-        for k in range(size):
-            cells[start + k] = owners[k]
-            if owners[k] != NO_REGION:
-                owns[owners[k]] = True
-        for i in range(n):
-            if not owns[i]:
+        rivals = everybody
+        if not same_side.size:  # A wall may hide the contact that is nearest to the box.
+            rivals = which[: contenders(c, half_power, boxes[block], extent, powers, which)]
+        own_cells(q, start, stop, c, half_power, same_side, places, owners, least, power, rivals)
+        cells[start:stop] = owners[:size]
+        for i in rivals:
+            if count_of(owners, size, i) == 0:
                 continue
             count = cutting_half_spaces(
                 by_axis[i], bounds[i], slack[i], c[i], boxes[block], over, reach, cutting, False
             )
-            excluded[:size] = False
+            beyond[:size] = 0.0
             for j in cutting[:count]:
-                exclude(by_axis[i], bounds[i], j, c[i], q, start, stop, power, excluded)
-            left = 0
+                exclude(by_axis[i], bounds[i], j, c[i], q, start, stop, power, beyond)
             for k in range(size):
-                if owners[k] == i:
-                    if excluded[k]:
-                        owners[k] = NO_REGION
-                    else:
-                        left += 1
-            if left == 0 or is_free[i]:
+                owners[k] = NO_REGION if (owners[k] == i) & (beyond[k] > 0.0) else owners[k]
+            left = count_of(owners, size, i)
+            if left == 0 or not (is_limited[i] or len(solids) + len(points)):
+                sizes[i] += left
                 continue
-            box = box_of(boxes[block], d)
-            reached = reach_of_box(contacts[i], box, standoff)
-            near = near_obstacles(contacts[i], box, shared, near_lists, over)
-            is_near = len(near[0]) + len(near[1]) > 0
-            if reached == 1 and not (is_near or limiting or is_closed(contacts[i])):
-                continue
-            for k in range(size):
-                if owners[k] != i:
-                    continue
-                j = start + k
-                place, normal = (q[0, j], q[1, j], q[2, j]), (nhat[0, j], nhat[1, j], nhat[2, j])
-                check = reached == 0
-                if (
-                    reached < 0
-                    or limit_of_point(i, contacts[i], place, normal, shared, near, check)[0]
-                    != _NONE
-                ):
-                    owners[k] = NO_REGION
+            near = near_obstacles(contacts[i], box_of(boxes[block], d), shared, near_lists, over)
+            if is_limited[i] or len(near[0]) + len(near[1]) > 0:
+                limits_of_block(i, contacts[i], q, nhat, start, stop, shared, near, out)
+                for k in range(size):
+                    owners[k] = NO_REGION if (owners[k] == i) & (out[0][k] != _NONE) else owners[k]
+            sizes[i] += count_of(owners, size, i)
         for k in range(size):
             labels[places[k]] = owners[k]
-            if owners[k] != NO_REGION:
-                sizes[owners[k]] += 1
     limits, causes = np.full(n, _NONE), np.full(n, NO_CAUSE)
     for i in range(n):
         if sizes[i] < few and half_power[i] < np.inf:
             own = by_axis[i], bounds[i], slack[i], by_limit, by_cause
             scratch, lists = (over, reach, power), (cutting, near_lists)
             limits[i], causes[i] = limit_of_region(
-                i, blocks, cells, c, same_side, few, own, contacts[i], shared, scratch, lists
+                i, blocks, cells, c, same_side, few, own, contacts[i], shared, scratch, lists, out
             )
     return labels, limits, causes
 
@@ -299,7 +302,7 @@ class CompactCandidates(Blocks):
         c, planes, predicates = bounds.c, bounds.half_spaces, bounds.predicates
         if predicates is None:
             predicates = UNCONSTRAINED.predicates(len(c))
-        by_axis = np.ascontiguousarray(planes.normals.transpose(0, 2, 1))
+        by_axis = np.ascontiguousarray(planes.normals.swapaxes(1, 2))
         seen = np.empty((0, 0), dtype=bool) if bounds.same_side is None else bounds.same_side
         if (bounds.num_candidates, c.shape[1]) != self.q.shape[::-1]:
             raise InvalidArgumentError(
@@ -308,7 +311,7 @@ class CompactCandidates(Blocks):
         result: tuple[IntArray, IntArray, IntArray] = label_blocks(
             (self.q, self.nhat, self.order, self.starts, self.boxes),
             np.array(c, dtype=float, order="C"),
-            ((c * c).sum(axis=1) - bounds.h) / 2,
+            np.array(bounds.h, dtype=float, order="C"),
             bounds.few,
             (by_axis, np.ascontiguousarray(planes.bounds), planes.limits, planes.causes),
             np.array(seen, dtype=bool, order="C"),

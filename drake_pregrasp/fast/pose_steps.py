@@ -9,6 +9,8 @@ from drake_pregrasp.estimation import pose_filter
 from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.geometry.rotations import SMALL
 
+_ZERO = np.zeros(3)
+
 
 @compiled()
 def exponential(x, y, z, order):  # type: ignore[no-untyped-def]
@@ -214,7 +216,7 @@ def compiled_filter_step(
         noise.gravity,
         np.array([noise.acceleration, noise.angular_acceleration]),
         noise_factor * np.array([noise.position**2, noise.orientation**2]),
-        np.zeros(3) if p_OCoM is None else p_OCoM,
+        _ZERO if p_OCoM is None else p_OCoM,
     )
     return (
         pose_filter.PoseBelief(time, prior[0], prior[1], prior_R, prior[2], P[0], P[1]),

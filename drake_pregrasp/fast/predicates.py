@@ -94,62 +94,75 @@ def finger_measures_of(finger, hand, tip, nhat):  # type: ignore[no-untyped-def]
 
 
 @compiled()
-def limit_of_point(i, contact, q, nhat, shared, near, check_reach):  # type: ignore[no-untyped-def]
-    """Returns the limit and cause of one point for one contact, as `Predicates.limits_at`.
+def limits_of_block(i, contact, q, nhat, start, stop, shared, near, out):  # type: ignore[no-untyped-def]
+    """Writes the limit and cause of points for one contact, as `Predicates.limits_at`.
+
+    Loops run over many points without branches, so that the compiler makes vector instructions.
 
     Args:
         i: Index of the contact.
         contact: Row of the contact.
-        q: Point, three numbers in metres.
-        nhat: Outward unit normal at the point, three numbers.
+        q: Points, shape (d, N), of which those from `start` to `stop` are tested, in metres.
+        nhat: Outward unit normals at the points, shape (3, N).
+        start: First point.
+        stop: End of the points.
         shared: What the contacts share; see `shared_arrays`.
         near: Indices of the solids and of the obstacle points to be tested, ascending.
-        check_reach: Whether the reach is tested.
+        out: Limits and causes, which are written, and memory for a number of each point.
     """
-    (x, y, z), (nx, ny, nz), (solids, points, clearance, standoff, hand) = q, nhat, shared
-    near_solids, near_points = near
-    ax, ay, az = abs(nx), abs(ny), abs(nz)
-    if ax >= ay and ax >= az:
-        face, along = 0, nx
-    elif ay >= az:
-        face, along = 2, ny
-    else:
-        face, along = 4, nz
-    if along != 0.0 and contact[_CLOSED + face + (along > 0.0)] > 0.0:
-        return _FORBIDDEN, NO_CAUSE
+    (solids, points, clearance, standoff, hand), (limits, causes, gaps) = shared, out
+    x, y, z, size = q[0, start:stop], q[1, start:stop], q[2, start:stop], stop - start
+    nx, ny, nz = nhat[0, start:stop], nhat[1, start:stop], nhat[2, start:stop]
+    limits[:size], causes[:size] = _NONE, NO_CAUSE
     radius = contact[RADIUS]
-    far = radius + standoff
-    if check_reach:
-        if not distance_to(contact[_SOLID:], x, y, z) <= 0.0:
-            return _REACH, NO_CAUSE
-        sideways, facing = sector_gaps(
-            contact[_SECTOR:], x + far * nx, y + far * ny, z + far * nz, nx, ny, nz
-        )
-        if not (sideways >= 0.0 and facing >= 0.0):
-            return _REACH, NO_CAUSE
+    if np.max(contact[_CLOSED:]) > 0.0:
+        for k in range(size):
+            ax, ay, az = abs(nx[k]), abs(ny[k]), abs(nz[k])
+            face, along = 4, nz[k]
+            if ax >= ay and ax >= az:
+                face, along = 0, nx[k]
+            elif ay >= az:
+                face, along = 2, ny[k]
+            if along != 0.0 and contact[_CLOSED + face + (along > 0.0)] > 0.0:
+                limits[k] = _FORBIDDEN
+    if not no_limits(contact):
+        solid, sector, far = contact[_SOLID:], contact[_SECTOR:], radius + standoff
+        for k in range(size):
+            gaps[k] = distance_to(solid, x[k], y[k], z[k])
+        for k in range(size):
+            tx, ty, tz = x[k] + far * nx[k], y[k] + far * ny[k], z[k] + far * nz[k]
+            sideways, facing = sector_gaps(sector, tx, ty, tz, nx[k], ny[k], nz[k])
+            is_reached = (gaps[k] <= 0.0) & (sideways >= 0.0) & (facing >= 0.0)
+            limits[k] = _REACH if (limits[k] == _NONE) & (not is_reached) else limits[k]
     if np.max(hand[4]) > 0.0:
-        tip, least = (x + radius * nx, y + radius * ny, z + radius * nz), hand[4]
-        measures = finger_measures_of(i, hand, tip, nhat)
-        for k in range(len(least)):
-            if least[k] > 0.0 and not measures[k] >= least[k]:
-                return _REACH, NO_CAUSE
-    needed = radius + clearance
-    shares = _SHARES if standoff > 0.0 else 1
-    for j in near_solids:
-        for share in range(shares):
-            height = radius + share * standoff / (_SHARES - 1)
-            distance = distance_to(solids[j], x + height * nx, y + height * ny, z + height * nz)
-            if not distance >= needed:
-                return _OBSTACLE, int(solids[j, 19])
-    for j in near_points:
-        for share in range(shares):
-            height = radius + share * standoff / (_SHARES - 1)
-            dx = x + height * nx - points[j, 0]
-            dy = y + height * ny - points[j, 1]
-            dz = z + height * nz - points[j, 2]
-            if math.sqrt(dx * dx + dy * dy + dz * dz) - points[j, 3] < needed:
-                return _OBSTACLE, int(points[j, 4])
-    return _NONE, NO_CAUSE
+        least = hand[4]
+        for k in range(size):
+            if limits[k] == _NONE:
+                tip = x[k] + radius * nx[k], y[k] + radius * ny[k], z[k] + radius * nz[k]
+                measures = finger_measures_of(i, hand, tip, (nx[k], ny[k], nz[k]))
+                for m in range(len(least)):
+                    if least[m] > 0.0 and not measures[m] >= least[m]:
+                        limits[k] = _REACH
+    needed, shares = radius + clearance, _SHARES if standoff > 0.0 else 1
+    for kind in range(2):
+        for j in near[kind]:
+            cause = int(points[j, 4] if kind else solids[j, 19])
+            for share in range(shares):
+                height = radius + share * standoff / (_SHARES - 1)
+                if kind:
+                    px, py, pz, width = points[j, 0], points[j, 1], points[j, 2], points[j, 3]
+                    for k in range(size):
+                        dx, dy = x[k] + height * nx[k] - px, y[k] + height * ny[k] - py
+                        dz = z[k] + height * nz[k] - pz
+                        gaps[k] = math.sqrt(dx * dx + dy * dy + dz * dz) - width
+                else:
+                    for k in range(size):
+                        tx, ty = x[k] + height * nx[k], y[k] + height * ny[k]
+                        gaps[k] = distance_to(solids[j], tx, ty, z[k] + height * nz[k])
+                for k in range(size):
+                    is_touched = (limits[k] == _NONE) & (not gaps[k] >= needed)
+                    limits[k] = _OBSTACLE if is_touched else limits[k]
+                    causes[k] = cause if is_touched else causes[k]
 
 
 @compiled()
@@ -191,55 +204,23 @@ def near_obstacles(contact, box, shared, lists, gaps):  # type: ignore[no-untype
 
 
 @compiled()
-def reach_of_box(contact, box, standoff):  # type: ignore[no-untyped-def]
-    """Returns 1 if a finger reaches a whole box of points, -1 if no point of it, 0 if unknown."""
-    x, y, z, nx, ny, nz, size, turn = box
-    size, turn = size * _ABOVE + 1e-12, turn * _ABOVE + 1e-12
-    height = contact[RADIUS] + standoff
-    sector = contact[_SECTOR:]
-    inside = -distance_to(contact[_SOLID:], x, y, z)
-    sideways, facing = sector_gaps(
-        sector, x + height * nx, y + height * ny, z + height * nz, nx, ny, nz
-    )
-    away = (size + height * turn) * (1.0 + abs(sector[12]))
-    if sector[12] == ANY_ANGLE:
-        away = 0.0
-    if sector[13] == ANY_ANGLE:
-        turn = 0.0
-    if inside < -size or sideways < -away or facing < -turn:
-        return -1
-    return int(inside >= size and sideways >= away and facing >= turn)
-
-
-@compiled()
-def is_closed(contact):  # type: ignore[no-untyped-def]
-    """Returns whether any face is closed to a contact."""
-    count = 0
-    for face in range(6):
-        count += contact[_CLOSED + face] > 0.0
-    return count > 0
-
-
-@compiled()
 def no_limits(contact):  # type: ignore[no-untyped-def]
     """Returns whether a contact has neither closed faces nor a limited reach."""
     unlimited = contact[_SECTOR + 12] == ANY_ANGLE and contact[_SECTOR + 13] == ANY_ANGLE
-    return unlimited and contact[_SOLID + 17] == np.inf and not is_closed(contact)
+    unlimited = unlimited and contact[_SOLID + 17] == np.inf
+    return unlimited and not np.max(contact[_CLOSED:]) > 0.0
 
 
 @compiled(f"Tuple((i8[::1], i8[::1]))(f8[:,::1], {SHARED}, i8[::1], f8[:,::1], f8[:,::1])")
 def limits_of_points(contacts, shared, which, q, nhat):  # type: ignore[no-untyped-def]
     """Returns the limit and cause of each point for its contact, as `Predicates.limits_at`."""
     solids, points, _, _, _ = shared
-    limits, causes = np.empty(len(q), dtype=np.int64), np.empty(len(q), dtype=np.int64)
-    lists = np.empty(len(solids), np.int64), np.empty(len(points), np.int64)
-    gaps = np.empty(len(points))
-    for k in range(len(q)):
-        i, contact = which[k], contacts[which[k]]
-        place, normal = (q[k, 0], q[k, 1], q[k, 2]), (nhat[k, 0], nhat[k, 1], nhat[k, 2])
-        box = (q[k, 0], q[k, 1], q[k, 2], nhat[k, 0], nhat[k, 1], nhat[k, 2], 0.0, 0.0)
-        near = near_obstacles(contact, box, shared, lists, gaps)
-        limits[k], causes[k] = limit_of_point(i, contact, place, normal, shared, near, True)
+    limits, causes = np.empty(len(which), dtype=np.int64), np.empty(len(which), dtype=np.int64)
+    near, gaps = (np.arange(len(solids)), np.arange(len(points))), np.empty(1)
+    for k in range(len(which)):
+        out = limits[k:], causes[k:], gaps
+        i = which[k]
+        limits_of_block(i, contacts[i], q, nhat, k, k + 1, shared, near, out)
     return limits, causes
 
 
@@ -295,7 +276,7 @@ def compiled_limits_at(
         predicates.contacts,
         shared_arrays(predicates),
         np.array(contacts, dtype=np.int64),
-        np.array(points, dtype=float, order="C"),
-        np.array(normals, dtype=float, order="C"),
+        np.array(points.T, dtype=float, order="C"),
+        np.array(normals.T, dtype=float, order="C"),
     )
     return result

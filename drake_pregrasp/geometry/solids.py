@@ -8,6 +8,8 @@ import numpy as np
 from drake_pregrasp.arrays import FloatArray, norms
 from drake_pregrasp.errors import InvalidArgumentError
 
+_I = np.eye(3)
+
 
 class SignedDistance(ABC):
     """A closed set of points in a frame F, described by its signed distance."""
@@ -237,13 +239,13 @@ def nearest_solids(rows: FloatArray, p_FP: FloatArray) -> tuple[FloatArray, Floa
     above, below = p_BP - rows[:, None, 15:18], rows[:, None, 12:15] - p_BP
     beyond = np.maximum(above, below)
     outside = np.maximum(beyond, 0)
-    lengths = np.linalg.norm(outside, axis=2)
+    lengths = norms(outside)
     # Of faces at the same distance, the last one counts.
-    nearest_face = np.eye(3)[2 - np.argmax(beyond[..., ::-1], axis=2)]
+    nearest_face = _I[2 - beyond[..., ::-1].argmax(axis=2)]
     toward = np.where(lengths[..., None] > 0, outside, nearest_face)
-    toward *= np.where(above < below, -1.0, 1.0)
-    toward /= np.linalg.norm(toward, axis=2, keepdims=True)
-    distances = lengths + np.minimum(np.max(beyond, axis=2), 0) - rows[:, 18:19]
+    toward[above < below] *= -1.0
+    toward /= norms(toward)[..., None]
+    distances = lengths + np.minimum(np.maximum.reduce(beyond, axis=2), 0) - rows[:, 18:19]
     return distances, toward @ R_FB.transpose(0, 2, 1)
 
 

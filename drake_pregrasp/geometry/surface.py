@@ -288,25 +288,3 @@ def closest_points(triangles: FloatArray, points: FloatArray) -> FloatArray:
     foot = (v[inside, None] * ab[inside] + w[inside, None] * ac[inside]) / whole[inside, None]
     closest[inside] = triangles[inside, 0] + foot
     return closest
-
-
-class RememberedProjection:
-    """Projects points like `ObjectSurface.project`, with a cache of the results.
-
-    Args:
-        surface: Surface for the projection.
-    """
-
-    def __init__(self, surface: ObjectSurface) -> None:
-        self._surface = surface
-        self._known: dict[bytes, tuple[FloatArray, FloatArray]] = {}
-
-    def __call__(self, p_OP: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns the nearest allowed points and their outward normals in O, each (k, 3)."""
-        keys = [point.tobytes() for point in p_OP]
-        new = [index for index, key in enumerate(keys) if key not in self._known]
-        if new:
-            found = zip(*self._surface.project(p_OP[new]), strict=True)
-            self._known.update(zip((keys[index] for index in new), found, strict=True))
-        points, normals = np.reshape([self._known[key] for key in keys], (-1, 2, 3)).swapaxes(0, 1)
-        return points.copy(), normals.copy()

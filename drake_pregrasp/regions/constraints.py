@@ -81,10 +81,15 @@ class Obstacles:
             ("radii", self.points.radii),
             ("velocities", self.velocities),
         ):
-            if not np.all(np.isfinite(numbers)):
+            if numbers.size and not np.isfinite(numbers).all():
                 raise InvalidArgumentError(
                     f"{name} of obstacles must be finite, not {numbers.tolist()}"
                 )
+
+    @cached_property
+    def rows(self) -> FloatArray:
+        """Rows of the solids for `rounded_box_distances`, shape (k, 19)."""
+        return np.array([solid.rounded_box() for solid in self.solids]).reshape(-1, 19)
 
     def after(self, seconds: float) -> "Obstacles":
         """Returns the obstacles at their places some seconds later."""
@@ -302,26 +307,28 @@ class RegionConstraints:
         for row, reach in zip(rows, self.reach, strict=False):
             if reach is not None:
                 row[REACH_SOLID.start : SECTOR.stop] = reach.row
-        if self.reach_pose is not None:
+        if self.reach_pose is not None and any(self.reach):
             own = rows[:, REACH_SOLID.start : SECTOR.stop]
             own[:] = moved_reaches(own, *self.reach_pose)
         for row, areas in zip(rows, self.closed, strict=False):
             for area in areas:
                 row[CLOSED.start + _FACES.index(area.face)] = 1.0
         times = (self.obstacles, *self.later)
-        solids = np.array([[solid.rounded_box() for solid in o.solids] for o in times])
-        solids = solids.reshape(len(times), -1, 19).swapaxes(0, 1)
-        indices = np.arange(len(solids)).repeat(len(times))
+        solids = np.empty((len(self.obstacles.solids), len(times), 20))
+        for k, at_time in enumerate(times):
+            solids[:, k, :19] = at_time.rows
+        solids[:, :, 19] = np.arange(len(solids))[:, None]
         points = np.empty((0, 5))
         if len(self.obstacles.points):
             at_times, first = [o.points for o in times], len(solids)
             points = np.concatenate(
                 [np.c_[p.points, p.radii, first + np.arange(len(p))] for p in at_times]
             )
+            points = points[np.argsort(points[:, 4], kind="stable")]
         return Predicates(
             rows,
-            np.column_stack([solids.reshape(-1, 19), indices]),
-            points[np.argsort(points[:, 4], kind="stable")],
+            solids.reshape(-1, 20),
+            points,
             self.clearance,
             self.standoff,
             self.finger_measures,

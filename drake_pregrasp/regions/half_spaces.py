@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.arrays import FloatArray, IntArray, norms
 from drake_pregrasp.geometry.solids import nearest_solids
 from drake_pregrasp.regions.constraints import OPPOSITE, Limit
 
@@ -75,11 +75,11 @@ def neighbour_half_spaces(
     """
     normals = c - c[:, None]
     normals[:, :, 3:] = 0
-    d = np.linalg.norm(normals, axis=2)
-    needs_room = (d > 0) & (setbacks > 0)[:, None] & np.isfinite(h)
+    d, is_there = norms(normals), np.isfinite(h)
+    needs_room = (d > 0) & (setbacks > 0)[:, None] & is_there
     if len(nhat_OC):
         needs_room &= nhat_OC @ nhat_OC.T >= OPPOSITE
-    h = np.where(np.isfinite(h), h, 0.0)
+    h = np.where(is_there, h, 0.0)
     bounds = (d**2 + h[:, None] - h) / 2 - d * setbacks[:, None]
     return HalfSpaces(
         normals,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from drake_pregrasp.arrays import FARTHEST, BoolArray, FloatArray, are_valid_points
+from drake_pregrasp.arrays import FARTHEST, FloatArray, are_valid_points
 from drake_pregrasp.geometry.solids import BallSolid, PlacedSolid, moved_rows
 from drake_pregrasp.geometry.surface import ForbiddenPoints
 from drake_pregrasp.regions.constraints import Obstacles
@@ -37,21 +37,20 @@ def obstacles_at_times(
         p_GF: Position of F in G at each time, shape (t, 3), in metres.
         seconds: Seconds from now to each time, shape (t,).
     """
-    rows = np.array([solid.rounded_box() for solid in obstacles.solids]).reshape(-1, 19)
-    rows = np.tile(rows, (len(seconds), 1, 1))
+    rows = np.repeat(obstacles.rows[None], len(seconds), axis=0)
     with np.errstate(all="ignore"):  # Results that are not finite are replaced.
         if len(obstacles.velocities):
             rows[:, :, :3] += seconds[:, None, None] * obstacles.velocities
         rows = moved_rows(rows, R_GF, p_GF)
         numbers_are_known = ~np.isnan(rows)  # Bounds may be infinite.
         numbers_are_known[:, :, :12] = np.abs(rows[:, :, :12]) <= FARTHEST
-        known: BoolArray = np.logical_and.reduce(numbers_are_known, axis=2)
+        if not numbers_are_known.all():
+            rows[~numbers_are_known.all(axis=2)] = ANYWHERE.rounded_box()
         points = [_placed_points(obstacles.points, *pose) for pose in zip(R_GF, p_GF, strict=True)]
-    solids = [
-        tuple(PlacedSolid(row) if ok else ANYWHERE for row, ok in zip(*at_time, strict=True))
-        for at_time in zip(rows, known, strict=True)
-    ]
-    return [Obstacles(*at_time) for at_time in zip(solids, points, strict=True)]
+    placed = [Obstacles(tuple(map(PlacedSolid, r)), p) for r, p in zip(rows, points, strict=True)]
+    for at_time, own in zip(placed, rows, strict=True):
+        vars(at_time)["rows"] = own  # Known already: the solids are these rows.
+    return placed
 
 
 def _placed_points(points: ForbiddenPoints, R_GF: FloatArray, p_GF: FloatArray) -> ForbiddenPoints:

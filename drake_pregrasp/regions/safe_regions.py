@@ -188,16 +188,14 @@ def compute_safe_regions(
         margins = radii + constraints.clearance
         predicates = constraints.predicates(len(c))
         now = predicates.solids[:: 1 + len(constraints.later)]
-        parts.append(solid_half_spaces(c, now, margins))
-        parts.append(
-            point_half_spaces(
-                c,
-                obstacles.points,
-                margins=margins[:, None],
-                limit=Limit.OBSTACLE,
-                first_cause=len(obstacles.solids),
+        if len(now):
+            parts.append(solid_half_spaces(c, now, margins))
+        if len(points := obstacles.points):
+            limit, first = Limit.OBSTACLE, len(obstacles.solids)
+            column = margins[:, None]
+            parts.append(
+                point_half_spaces(c, points, margins=column, limit=limit, first_cause=first)
             )
-        )
     few = TINY_SHARE * len(p_OQ) / max(1, int(np.count_nonzero(h > -np.inf)))
     half_spaces = joined(parts) if len(parts) > 1 else half_spaces
     same_side, N = constraints.same_side, len(p_OQ)
@@ -275,13 +273,13 @@ def point_half_spaces(
             all.
     """
     m, size = points.points.shape
-    normals = points.points - c[:, None, :size]
+    by_axis = points.points.T - c[:, :size, None]
     if size < c.shape[1]:
-        normals = np.pad(normals, ((0, 0), (0, 0), (0, c.shape[1] - size)))
-    d = np.sqrt(np.einsum("imk,imk->im", normals, normals))
+        by_axis = np.pad(by_axis, ((0, 0), (0, c.shape[1] - size), (0, 0)))
+    d = np.sqrt(np.add.reduce(by_axis * by_axis, axis=1))
     bounds = d * (d - points.radii - margins)
     causes = np.full(m, NO_CAUSE) if first_cause == NO_CAUSE else first_cause + np.arange(m)
-    return HalfSpaces(normals, bounds, np.full(m, int(limit)), causes)
+    return HalfSpaces(by_axis.swapaxes(1, 2), bounds, np.full(m, int(limit)), causes)
 
 
 def _limit_of_region(

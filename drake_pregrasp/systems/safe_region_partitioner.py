@@ -24,7 +24,7 @@ from drake_pregrasp.geometry.rotations import rotation_matrix
 from drake_pregrasp.geometry.sampling import lifted
 from drake_pregrasp.geometry.solids import BallSolid
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.regions.constraints import UNCONSTRAINED, RegionConstraints
+from drake_pregrasp.regions.constraints import UNCONSTRAINED, Obstacles, RegionConstraints
 from drake_pregrasp.regions.coordinates import GIVEN, QUANTITIES
 from drake_pregrasp.regions.finger_measures import FINGER_MEASURES, FingerMeasures
 from drake_pregrasp.regions.finger_reach import FingerReach
@@ -38,8 +38,9 @@ from drake_pregrasp.regions.safe_regions import (
 from drake_pregrasp.regions.walls import SurfaceGraph, normals_agree
 from drake_pregrasp.systems import ports
 
-_Candidates = tuple[FloatArray, BoolArray, LabelCandidates | None]
-"""Candidates with all their coordinates, mask of the further ones that are known, and labels."""
+_Candidates = tuple[FloatArray, BoolArray | None, LabelCandidates | None]
+"""Candidates with all their coordinates; mask of the further ones that are known, or None if none
+is; and labels."""
 
 _NOTHING = FingerReach(BallSolid(np.array([FARTHEST, 0.0, 0.0]), 0.0))
 _MOMENTS = 4  # Number of times over the horizon, the present included, for which obstacles count.
@@ -199,7 +200,8 @@ class SafeRegionPartitioner(LeafSystem):
     def _make_candidates(self, values: FloatArray) -> _Candidates:
         is_known: BoolArray = np.logical_and.reduce(np.abs(values) <= FARTHEST)
         points = np.hstack([self._points, values[:, is_known]])
-        return points, is_known, fast_labels(points, self._surface.nhat_OQ)
+        label = fast_labels(points, self._surface.nhat_OQ)
+        return points, is_known if is_known.any() else None, label
 
     def _calc_candidates(self, context: Context) -> _Candidates:
         if not self._candidate_values.HasValue(context):
@@ -226,24 +228,25 @@ class SafeRegionPartitioner(LeafSystem):
         if self._contact_weights.HasValue(context):
             weights = validated_weights(self._contact_weights.Eval(context))
         p_WC: FloatArray = self._p_WC.Eval(context).reshape(-1, 3)
-        p_OC = (X_WO.inverse() @ p_WC.T).T
-        invalid = ~are_valid_points(p_OC)
-        p_OC[invalid], weights[invalid] = 0.0, -np.inf
+        X_OW = X_WO.inverse()
+        p_OC = (X_OW @ p_WC.T).T
+        if not (valid := are_valid_points(p_OC)).all():
+            p_OC[~valid], weights[~valid] = 0.0, -np.inf
         constraints = UNCONSTRAINED
         if not self._is_unlimited or self._obstacles.HasValue(context):
-            constraints = self._constraints(context, X_WO, p_OC)
+            constraints = self._constraints(context, X_WO, X_OW, p_OC)
         c = p_OC
         if self._normal_length > 0:
             _, nhat_OC = self._surface.project(p_OC)
             c = lifted(p_OC, nhat_OC, self._normal_length)
         points, is_known, label = self._candidates.Eval(context)
-        if is_known.any():
+        if is_known is not None:
             c = np.hstack([c, self._coordinates(context, p_OC, points, is_known)])
         forbidden = self._surface.forbidden
         return compute_safe_regions(points, c, weights, forbidden, constraints, label=label)
 
     def _constraints(
-        self, context: Context, X_WO: RigidTransform, p_OC: FloatArray
+        self, context: Context, X_WO: RigidTransform, X_OW: RigidTransform, p_OC: FloatArray
     ) -> RegionConstraints:
         surface, same_side, fencing = self._surface, None, None
         nhat_OC = np.empty((0, 3))
@@ -254,7 +257,7 @@ class SafeRegionPartitioner(LeafSystem):
             same_side = normals_agree(nhat_OC, surface.nhat_OQ)
             if self._graph is not None:  # Around a rim, the path to the other side is short.
                 same_side &= self._graph.near_over_the_surface(p_OC, nhat_OC)
-        X_OW, later = X_WO.inverse(), []
+        later: list[Obstacles] = []
         obstacles = ports.eval_obstacles(self, self._obstacles, context)
         if obstacles.solids or len(obstacles.points):
             R_OW, p_OW = self._predicted_frames(context, X_WO)
@@ -299,9 +302,9 @@ class SafeRegionPartitioner(LeafSystem):
     ) -> tuple[FloatArray, FloatArray]:
         """Returns the poses of W in the predicted frames O, shapes (t, 3, 3) and (t, 3)."""
         R_WO, p_WO = X_WO.rotation().matrix()[None], X_WO.translation()[None]
-        if self._V_WO.HasValue(context):
+        if len(self._moments) > 1 and self._V_WO.HasValue(context):
             V_WO = ports.validated_velocity(self._V_WO.Eval(context))
             turns = [rotation_matrix(V_WO.rotational() * t) for t in self._moments.tolist()]
-            R_WO, p_WO = turns @ R_WO, p_WO + np.outer(self._moments, V_WO.translational())
+            R_WO, p_WO = turns @ R_WO, p_WO + self._moments[:, None] * V_WO.translational()
         R_OW = np.broadcast_to(R_WO.transpose(0, 2, 1), (len(self._moments), 3, 3))
         return R_OW, -(R_OW @ p_WO[:, :, None])[:, :, 0]

@@ -183,7 +183,7 @@ class ContactWeights(LeafSystem):
         self._weights, n = np.array(weights, dtype=float), len(weights)
         self._capability, self._length = capability, length
         changes = [(e, 1) for e in losses] + [(e, -1) for e in returns]
-        self._changes = [(time, list(contacts), step) for (time, contacts), step in changes]
+        self._changes = [(at, list(those), step) for (at, those), step in changes if len(those)]
         for contact in (contact for _, contacts, _ in self._changes for contact in contacts):
             if not 0 <= contact < n:
                 raise InvalidArgumentError(f"there is no contact {contact}; there are 0 to {n - 1}")
@@ -191,6 +191,8 @@ class ContactWeights(LeafSystem):
         declare_output(self, "contact_weights", n, self._calc_weights, self.time_ticket(), port)
 
     def _calc_weights(self, context: Context) -> FloatArray:
+        if not self._changes and self._capability is None:
+            return self._weights
         time, losses = context.get_time(), np.zeros(len(self._weights))
         for at, contacts, step in self._changes:
             losses[contacts] += step * (time >= at - 1e-9)  # A tick's time may be rounded down.
