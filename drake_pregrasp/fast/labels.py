@@ -10,6 +10,7 @@ from drake_pregrasp.fast.blocks import BLOCK, Blocks
 from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.fast.predicates import (
     SHARED,
+    any_positive,
     limits_of_block,
     near_obstacles,
     no_limits,
@@ -242,7 +243,7 @@ def label_blocks(blocks, c, h, few, half_spaces, same_side, contacts, shared):  
             extent = max(extent, abs(boxes[block, axis]) + boxes[block, d + axis])
     extent *= 2.0
     for i in range(n):
-        is_limited[i] = np.max(hand[4]) > 0.0 or not no_limits(contacts[i])
+        is_limited[i] = any_positive(hand[4]) or not no_limits(contacts[i])
         for j in range(m):
             size = 0.0
             for axis in range(d):
@@ -255,7 +256,8 @@ def label_blocks(blocks, c, h, few, half_spaces, same_side, contacts, shared):  
         if not same_side.size:  # A wall may hide the contact that is nearest to the box.
             rivals = which[: contenders(c, half_power, boxes[block], extent, powers, which)]
         own_cells(q, start, stop, c, half_power, same_side, places, owners, least, power, rivals)
-        cells[start:stop] = owners[:size]
+        for k in range(size):  # An assignment of a slice takes two seconds to compile.
+            cells[start + k] = owners[k]
         for i in rivals:
             if count_of(owners, size, i) == 0:
                 continue

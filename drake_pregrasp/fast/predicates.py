@@ -33,6 +33,15 @@ _ABOVE = 1 + 1e-9  # Decisions about blocks must not be reversed by rounding.
 
 
 @compiled()
+def any_positive(values):  # type: ignore[no-untyped-def]
+    """Returns whether any of some numbers is above 0."""
+    found = False
+    for value in values:
+        found |= value > 0.0
+    return found
+
+
+@compiled()
 def distance_to(row, x, y, z):  # type: ignore[no-untyped-def]
     """Returns the signed distance of a point from a solid, as `rounded_box_distances`."""
     x, y, z = x - row[0], y - row[1], z - row[2]
@@ -115,7 +124,7 @@ def limits_of_block(i, contact, q, nhat, start, stop, shared, near, out):  # typ
     nx, ny, nz = nhat[0, start:stop], nhat[1, start:stop], nhat[2, start:stop]
     limits[:size], causes[:size] = _NONE, NO_CAUSE
     radius = contact[RADIUS]
-    if np.max(contact[_CLOSED:]) > 0.0:
+    if any_positive(contact[_CLOSED:]):
         for k in range(size):
             ax, ay, az = abs(nx[k]), abs(ny[k]), abs(nz[k])
             face, along = 4, nz[k]
@@ -134,7 +143,7 @@ def limits_of_block(i, contact, q, nhat, start, stop, shared, near, out):  # typ
             sideways, facing = sector_gaps(sector, tx, ty, tz, nx[k], ny[k], nz[k])
             is_reached = (gaps[k] <= 0.0) & (sideways >= 0.0) & (facing >= 0.0)
             limits[k] = _REACH if (limits[k] == _NONE) & (not is_reached) else limits[k]
-    if np.max(hand[4]) > 0.0:
+    if any_positive(hand[4]):
         least = hand[4]
         for k in range(size):
             if limits[k] == _NONE:
@@ -208,7 +217,7 @@ def no_limits(contact):  # type: ignore[no-untyped-def]
     """Returns whether a contact has neither closed faces nor a limited reach."""
     unlimited = contact[_SECTOR + 12] == ANY_ANGLE and contact[_SECTOR + 13] == ANY_ANGLE
     unlimited = unlimited and contact[_SOLID + 17] == np.inf
-    return unlimited and not np.max(contact[_CLOSED:]) > 0.0
+    return unlimited and not any_positive(contact[_CLOSED:])
 
 
 @compiled(f"Tuple((i8[::1], i8[::1]))(f8[:,::1], {SHARED}, i8[::1], f8[:,::1], f8[:,::1])")
