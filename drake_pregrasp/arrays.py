@@ -86,12 +86,20 @@ def is_valid_pose(R: FloatArray, p: FloatArray) -> bool:
         R: Candidate rotation matrix, shape (3, 3).
         p: Position, shape (3,), in metres.
     """
+    return is_valid_matrix(np.column_stack([R, p]))
+
+
+def is_valid_matrix(X: FloatArray) -> bool:
+    """Returns whether the first columns of X are a rotation and the last lies within `FARTHEST`.
+
+    Args:
+        X: Candidate rotation matrix and position, shape (3, 4).
+    """
     # Twelve numbers are compared faster one by one than by numpy; NaN fails each comparison.
-    x, y, z = p.tolist()
+    (a, b, c, x), (d, e, f, y), (g, h, i, z) = X.tolist()
     if not (abs(x) <= FARTHEST and abs(y) <= FARTHEST and abs(z) <= FARTHEST):
         return False
     # Columns have unit length, are orthogonal, and form a right-handed frame.
-    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
     is_rotation: bool = (
         abs(a * a + d * d + g * g - 1) <= _ORTHONORMAL
         and abs(b * b + e * e + h * h - 1) <= _ORTHONORMAL

@@ -188,7 +188,9 @@ class PlacedSolid(Solid):
 
     def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "PlacedSolid":
         """See `Solid`."""
-        return PlacedSolid(moved_rows(self.row[None], R_GF, p_GF)[0])
+        row = self.row.copy()
+        row[:3], row[3:12] = R_GF @ row[:3] + p_GF, (R_GF @ row[3:12].reshape(3, 3)).ravel()
+        return PlacedSolid(row)
 
 
 def moved_rows(rows: FloatArray, R_GF: FloatArray, p_GF: FloatArray) -> FloatArray:

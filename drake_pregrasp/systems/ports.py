@@ -21,7 +21,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from drake_pregrasp.arrays import FloatArray, is_valid_pose, validated_rates
+from drake_pregrasp.arrays import FloatArray, is_valid_matrix, validated_rates
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.pose_track import FOLLOWED
 from drake_pregrasp.geometry.solids import Solid
@@ -246,8 +246,7 @@ def validated_velocity(V: SpatialVelocity) -> SpatialVelocity:
 
 def is_valid(X: RigidTransform) -> bool:
     """Returns whether a pose is finite, not too far away, and has a valid rotation."""
-    Rp = X.GetAsMatrix34()
-    return is_valid_pose(Rp[:, :3], Rp[:, 3])
+    return is_valid_matrix(X.GetAsMatrix34())
 
 
 def eval_obstacles(system: LeafSystem, port: InputPort, context: Context) -> Obstacles:
