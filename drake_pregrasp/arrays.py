@@ -79,17 +79,7 @@ def finite_vector(value: object, size: int) -> FloatArray | None:
     return vector if vector.shape == (size,) and np.all(np.isfinite(vector)) else None
 
 
-def is_valid_pose(R: FloatArray, p: FloatArray) -> bool:
-    """Returns whether R is a rotation matrix and p lies within `FARTHEST`.
-
-    Args:
-        R: Candidate rotation matrix, shape (3, 3).
-        p: Position, shape (3,), in metres.
-    """
-    return is_valid_matrix(np.column_stack([R, p]))
-
-
-def is_valid_matrix(X: FloatArray) -> bool:
+def is_valid_pose(X: FloatArray) -> bool:
     """Returns whether the first columns of X are a rotation and the last lies within `FARTHEST`.
 
     Args:

@@ -80,19 +80,19 @@ def test_a_nan_covariance_leaves_only_the_spread():
 @pytest.mark.parametrize("index", range(3))
 def test_invalid_poses_are_recognized(bad, index):
     p = np.array([0.1, -0.2, 0.3])
-    assert arrays.is_valid_pose(R, p)
-    assert arrays.is_valid_pose(R.astype(np.float32).astype(float), 1e6 * p)
+    assert arrays.is_valid_pose(np.column_stack([R, p]))
+    assert arrays.is_valid_pose(np.column_stack([R.astype(np.float32).astype(float), 1e6 * p]))
     far, turned = p.copy(), R.copy()
     far[index] = turned[index, 0] = bad
-    assert not arrays.is_valid_pose(R, far)
-    assert not arrays.is_valid_pose(turned, p)
+    assert not arrays.is_valid_pose(np.column_stack([R, far]))
+    assert not arrays.is_valid_pose(np.column_stack([turned, p]))
 
 
 @pytest.mark.parametrize(
     "matrix", [np.zeros((3, 3)), 1.001 * R, -R, np.diag([1.0, 1, -1]), np.ones((3, 3))]
 )
 def test_invalid_rotations_are_recognized(matrix):
-    assert not arrays.is_valid_pose(matrix, np.zeros(3))
+    assert not arrays.is_valid_pose(np.column_stack([matrix, np.zeros(3)]))
 
 
 @given(st.lists(ANY_NUMBER, min_size=6, max_size=6))

@@ -66,7 +66,8 @@ def update_track(
     if time == -math.inf or is_known:
         return replace(track, verdict=MeasurementVerdict.NOTHING_NEW)
     is_recent = now - OLDEST <= time <= now + _SLACK
-    if not (is_recent and is_valid_pose(measurement.R_WO, measurement.p_WCoM)):
+    X = np.column_stack([measurement.R_WO, measurement.p_WCoM])
+    if not (is_recent and is_valid_pose(X)):
         return replace(track, verdict=MeasurementVerdict.UNUSABLE)
     recent = np.concatenate([track.recent[1:], track.recent[:1]])
     seen = recent[-1, :MEASUREMENT_SIZE]

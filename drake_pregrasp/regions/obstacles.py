@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from drake_pregrasp.arrays import FARTHEST, FloatArray, are_valid_points
+from drake_pregrasp.arrays import FARTHEST, BoolArray, FloatArray, are_valid_points
 from drake_pregrasp.geometry.solids import BallSolid, PlacedSolid, moved_rows
 from drake_pregrasp.geometry.surface import ForbiddenPoints
 from drake_pregrasp.regions.constraints import Obstacles
@@ -44,12 +44,15 @@ def obstacles_at_times(
         rows = moved_rows(rows, R_GF, p_GF)
         numbers_are_known = ~np.isnan(rows)  # Bounds may be infinite.
         numbers_are_known[:, :, :12] = np.abs(rows[:, :, :12]) <= FARTHEST
-        if not numbers_are_known.all():
-            rows[~numbers_are_known.all(axis=2)] = ANYWHERE.rounded_box()
+        known: BoolArray = np.logical_and.reduce(numbers_are_known, axis=2)
+        rows[~known] = ANYWHERE.rounded_box()
         points = [_placed_points(obstacles.points, *pose) for pose in zip(R_GF, p_GF, strict=True)]
-    placed = [Obstacles(tuple(map(PlacedSolid, r)), p) for r, p in zip(rows, points, strict=True)]
-    for at_time, own in zip(placed, rows, strict=True):
-        vars(at_time)["rows"] = own  # Known already: the solids are these rows.
+    placed = []
+    for own, sound, at_time in zip(rows, known, points, strict=True):
+        pairs = zip(own, sound, strict=True)
+        solids = tuple(PlacedSolid(row) if is_known else ANYWHERE for row, is_known in pairs)
+        placed.append(Obstacles(solids, at_time))
+        vars(placed[-1])["rows"] = own  # Known already: the solids are these rows.
     return placed
 
 

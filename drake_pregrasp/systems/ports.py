@@ -21,7 +21,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from drake_pregrasp.arrays import FloatArray, is_valid_matrix, validated_rates
+from drake_pregrasp.arrays import FloatArray, is_valid_pose, validated_rates
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.pose_track import FOLLOWED
 from drake_pregrasp.geometry.solids import Solid
@@ -191,9 +191,9 @@ class LastPose:
 
     def is_tracked(self, context: Context) -> bool:
         """Returns whether the pose at the port is valid and goals may follow it."""
-        is_valid_pose: bool = self.source.Eval(context)[1]
+        is_sound: bool = self.source.Eval(context)[1]
         port = self._tracking_status
-        return is_valid_pose and (port is None or is_followed(port, context))
+        return is_sound and (port is None or is_followed(port, context))
 
     def eval(self, context: Context) -> RigidTransform:
         """Returns the pose at the port if it is valid, else the stored one."""
@@ -246,7 +246,7 @@ def validated_velocity(V: SpatialVelocity) -> SpatialVelocity:
 
 def is_valid(X: RigidTransform) -> bool:
     """Returns whether a pose is finite, not too far away, and has a valid rotation."""
-    return is_valid_matrix(X.GetAsMatrix34())
+    return is_valid_pose(X.GetAsMatrix34())
 
 
 def eval_obstacles(system: LeafSystem, port: InputPort, context: Context) -> Obstacles:
