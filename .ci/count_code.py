@@ -20,9 +20,9 @@ SKIPPED = {
     tokenize.ENDMARKER,
 }
 LINES = {  # At most this many lines of code below each folder.
-    "drake_pregrasp": 21_190,
+    "drake_pregrasp": 21_200,
     "drake_pregrasp/studies": 4_930,
-    "drake_pregrasp/fast": 1_500,
+    "drake_pregrasp/fast": 1_495,
     "tests": 16_700,
 }
 FILES = {"drake_pregrasp": 199}
