@@ -146,8 +146,8 @@ def pan() -> trimesh.Trimesh:
 
 
 def screwdriver() -> trimesh.Trimesh:
-    """Returns a screwdriver that lies on one of the six faces of its handle."""
-    return united(rod(18, -100, 0, sections=6), rod(3.5, -10, 95))
+    """Returns a screwdriver with a round handle, and a collar of six faces that keeps it still."""
+    return united(rod(15.5, -100, 0), rod(18, -14, 0, sections=6), rod(3.5, -10, 95))
 
 
 def hammer() -> trimesh.Trimesh:
