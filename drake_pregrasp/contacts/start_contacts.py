@@ -29,6 +29,8 @@ _FLAT = 2.0  # Cost of contacts with a mean slope of 1 around them.
 _FINGER = 0.25  # Gain of one more finger, which shares the load.
 _LOAD = 0.5  # Gain of strength for the object's weight once more, up to `_STRONG` times.
 _TURN = 0.05  # Cost of a palm that turns by a radian.
+_EDGE = 0.1  # Cost of a contact that is out of reach if the palm turns by `_RESERVE` either way.
+_RESERVE = 0.1  # In radians.
 _STRONG = 2.0
 _NEIGHBOURS = 8  # Number of places near each contact that may hold more of the weight.
 _ENOUGH = 1.1  # Strength for the object's weight at which fingers that hold too little stop.
@@ -206,13 +208,17 @@ class _Search:
 
     def limits_at(self, yaw: float) -> IntArray:
         """Returns the `Limit` that keeps each finger from each candidate, shape (n, K)."""
-        constraints, fingers = self._hand.constraints_at(yaw), range(self._n)
-        limits = np.array([constraints.limits_at(i, self._p, self._normals)[0] for i in fingers])
+        limits = self._permitted_at(yaw)
         for centres in (self._ways[0], self._ways[-1]):
             within = self._hand.in_workspace(yaw, centres)
             limits[~within & (limits != Limit.FORBIDDEN)] = Limit.REACH
         limits[~self._fits & (limits == Limit.NONE)] = Limit.WALL
         return limits
+
+    def _permitted_at(self, yaw: float) -> IntArray:
+        """Returns `limits_at` without the joints' workspace and the object's shape."""
+        constraints, fingers = self._hand.constraints_at(yaw), range(self._n)
+        return np.array([constraints.limits_at(i, self._p, self._normals)[0] for i in fingers])
 
     def discomforts_at(self, yaw: float) -> FloatArray:
         """Returns what each fingertip's way from home to each candidate costs, shape (n, K).
@@ -225,6 +231,8 @@ class _Search:
         radius = float(np.mean(np.linalg.norm(from_axis, axis=1)))
         away = self._ways[0] - home[:, None] - self._height * self._up
         costs: FloatArray = _COMFORT * np.linalg.norm(away, axis=2) / radius
+        turned = [self._permitted_at(yaw + turn) for turn in (-_RESERVE, _RESERVE)]
+        costs += _EDGE * np.sum([limits == Limit.REACH for limits in turned], axis=0)
         return costs + _FLAT * self._slopes
 
     def settled(self, yaw: float, before: IntArray | None = None) -> _Trial:
