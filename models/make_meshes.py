@@ -146,8 +146,9 @@ def pan() -> trimesh.Trimesh:
 
 
 def screwdriver() -> trimesh.Trimesh:
-    """Returns a screwdriver with a round handle, and a collar of six faces that keeps it still."""
-    return united(rod(15.5, -100, 0), rod(18, -14, 0, sections=6), rod(3.5, -10, 95))
+    """Returns a screwdriver that lies on its round handle and on one of six faces of its collar."""
+    # The handle is 5 um above the table, so that no faces coincide.
+    return united(rod(15.718, -100, 0), rod(18, -14, 0, sections=6), rod(3.5, -10, 95))
 
 
 def hammer() -> trimesh.Trimesh:

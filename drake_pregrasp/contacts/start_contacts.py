@@ -185,14 +185,13 @@ class _Search:
         self._p, self._normals = surface.p_OQ[index], surface.nhat_OQ[index]
         self._p_OCoM, self._up = surface.p_OCoM, hand.R_AO[2]
         self._arms = self._p - self._p_OCoM
-        # Centres of fingertips at the contact, half-way to the standoff, and there.
-        self._ways = [
+        self._ways = [  # Centres of fingertips at the contact, half-way to the standoff, and there.
             self._p + (limits.tip_radii[:, None, None] + share * limits.standoff) * self._normals
             for share in ALONG
         ]
         # Along the palm's axis there is no way to a place under another fingertip.
         self._level = self._across(self._ways[0])
-        # Contacts that are nearer to each other have no safe regions (`neighbour_half_spaces`).
+        # Contacts nearer to each other have no safe regions (`neighbour_half_spaces`).
         largest = np.maximum(limits.tip_radii[:, None], limits.tip_radii)
         self._room = 2 * largest + limits.tip_gap
         self._fits = np.ones((self._n, len(index)), dtype=bool)
@@ -339,8 +338,8 @@ class _Search:
     def strengthened(self, trial: _Trial) -> _Trial:
         """Returns a grasp whose fingers moved to nearby places that hold more of the weight.
 
-        The margin does not know the weight, which can leave the strongest places just beside those
-        with the best margin. If force closure is lost on the way, the grasp stays as it is.
+        The margin does not know the weight: the strongest places can be just beside the best ones.
+        If force closure is lost on the way, the grasp stays as it is.
         """
         free = self.limits_at(trial.yaw) == Limit.NONE
         before, strong = 0.0, trial
