@@ -185,8 +185,10 @@ def carton() -> trimesh.Trimesh:
 
 
 def ball() -> trimesh.Trimesh:
-    """Returns a ball."""
-    return trimesh.creation.icosphere(subdivisions=3, radius=0.037)
+    """Returns a ball that lies on a face, and does not roll by itself."""
+    mesh = trimesh.creation.icosphere(subdivisions=3, radius=0.037)
+    turn = trimesh.geometry.align_vectors(mesh.face_normals[0], [0, 0, -1])
+    return mesh.apply_transform(turn)
 
 
 # Their frames O are at the centres of their bounding boxes.
