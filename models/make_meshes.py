@@ -146,8 +146,9 @@ def pan() -> trimesh.Trimesh:
 
 
 def screwdriver() -> trimesh.Trimesh:
-    """Returns a screwdriver that lies on one of the six faces of its handle."""
-    return united(rod(18, -100, 0, sections=6), rod(3.5, -10, 95))
+    """Returns a screwdriver that lies on its round handle and on one of six faces of its collar."""
+    # The handle is 5 um above the table, so that no faces coincide.
+    return united(rod(15.718, -100, 0), rod(18, -14, 0, sections=6), rod(3.5, -10, 95))
 
 
 def hammer() -> trimesh.Trimesh:
@@ -184,8 +185,10 @@ def carton() -> trimesh.Trimesh:
 
 
 def ball() -> trimesh.Trimesh:
-    """Returns a ball."""
-    return trimesh.creation.icosphere(subdivisions=3, radius=0.037)
+    """Returns a ball that lies on a face, and does not roll by itself."""
+    mesh = trimesh.creation.icosphere(subdivisions=3, radius=0.037)
+    turn = trimesh.geometry.align_vectors(mesh.face_normals[0], [0, 0, -1])
+    return mesh.apply_transform(turn)
 
 
 # Their frames O are at the centres of their bounding boxes.

@@ -29,6 +29,10 @@ _FLAT = 2.0  # Cost of contacts with a mean slope of 1 around them.
 _FINGER = 0.25  # Gain of one more finger, which shares the load.
 _LOAD = 0.5  # Gain of strength for the object's weight once more, up to `_STRONG` times.
 _TURN = 0.05  # Cost of a palm that turns by a radian.
+_EDGE = 0.1  # Cost of a contact that is out of reach after a turn by `_RESERVE`, for each way.
+_RESERVE = 0.1  # In radians.
+_COVER = 0.1  # Cost of a contact under a part that is in the way by a fingertip's radius.
+_OVER = 0.01 * np.arange(1, 11)  # Heights over contacts at which such parts are found, in metres.
 _STRONG = 2.0
 _NEIGHBOURS = 8  # Number of places near each contact that may hold more of the weight.
 _ENOUGH = 1.1  # Strength for the object's weight at which fingers that hold too little stop.
@@ -56,6 +60,7 @@ class HandOverObject:
         p_AO: Position of the object's origin in A, shape (3,), in metres.
         in_workspace: Function from a yaw and centres of each fingertip in O, shape (n, k, 3), to
             the mask of those that its joints reach, shape (n, k).
+        care: Factor of the costs of places at the edge of reach, and under parts of the object.
     """
 
     constraints_at: Callable[[float], RegionConstraints]
@@ -73,6 +78,7 @@ class HandOverObject:
     in_workspace: Callable[[float, FloatArray], BoolArray] = lambda yaw, p_OT: np.ones(
         p_OT.shape[:2], dtype=bool
     )
+    care: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +108,8 @@ def choose_start_contacts(
     At each yaw of the palm, fingers first take the permitted candidates nearest to their home. Then
     each in turn moves to the place with the best bound of the force-closure margin beside the
     others. For the best yaws the palm turns with the contacts until they are in reach there, and
-    the exact margins decide. A finger stays away if it has no room, or lowers the margin.
+    the exact margins decide. A finger stays away without room, or if it lowers the margin. Places
+    at the edge of reach and under parts count less, unless there is no grasp otherwise.
 
     Args:
         surface: The object's surface.
@@ -117,23 +124,25 @@ def choose_start_contacts(
     tried = [coarse.settled(yaw) for yaw in coarse.yaws()]
     ranked = sorted(tried, key=lambda trial: -trial.bound)[:_FINALISTS]
     grasps = [grasp for trial in ranked if (grasp := fine.grasp_at(trial.yaw)) is not None]
-    if not grasps:
-        raise coarse.lack()
-    best = max(grasps, key=lambda grasp: (grasp.load >= 1, grasp.score))
-    if best.load < 1:
-        best = fine.strengthened(max(grasps, key=lambda grasp: grasp.load))
-    if best.load < 1:
+    if grasps:
+        best = max(grasps, key=lambda grasp: (grasp.load >= 1, grasp.score))
+        if best.load < 1:
+            best = fine.strengthened(max(grasps, key=lambda grasp: grasp.load))
+        if best.load >= 1:
+            return fine.contacts_of(best)
         held = f"hold {best.load:.2g} of its weight with friction {hand.friction:g}"
-        raise NoGraspError(Lack.FRICTION, f"the best contacts {held}")
-    return fine.contacts_of(best)
+    problem = NoGraspError(Lack.FRICTION, f"the best contacts {held}") if grasps else coarse.lack()
+    if problem.lack == Lack.FRICTION and hand.care > 0:
+        return choose_start_contacts(surface, solid, replace(hand, care=0.0))
+    raise problem
 
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
     """Seats of the fingers at a yaw of the palm.
 
-    A seat is the index of a finger's candidate, or `_AWAY`. The search compares bounds, which
-    contain an upper bound of the margin; the last trials have exact margins, loads and scores.
+    A seat is the index of a finger's candidate, or `_AWAY`. Bounds contain an upper bound of the
+    margin; the last trials have exact margins, loads and scores.
     """
 
     yaw: float
@@ -176,15 +185,13 @@ class _Search:
         self._p, self._normals = surface.p_OQ[index], surface.nhat_OQ[index]
         self._p_OCoM, self._up = surface.p_OCoM, hand.R_AO[2]
         self._arms = self._p - self._p_OCoM
-        self._height = float(self._p_OCoM @ self._up)
-        # Centres of fingertips at the contact, half-way to the standoff, and there.
-        self._ways = [
+        self._ways = [  # Centres of fingertips at the contact, half-way to the standoff, and there.
             self._p + (limits.tip_radii[:, None, None] + share * limits.standoff) * self._normals
             for share in ALONG
         ]
         # Along the palm's axis there is no way to a place under another fingertip.
         self._level = self._across(self._ways[0])
-        # Contacts that are nearer to each other have no safe regions (`neighbour_half_spaces`).
+        # Contacts nearer to each other have no safe regions (`neighbour_half_spaces`).
         largest = np.maximum(limits.tip_radii[:, None], limits.tip_radii)
         self._room = 2 * largest + limits.tip_gap
         self._fits = np.ones((self._n, len(index)), dtype=bool)
@@ -193,6 +200,9 @@ class _Search:
             self._fits &= gaps >= limits.tip_radii[:, None] - INTRUSION
         radius = float(np.mean(limits.tip_radii)) / 2
         self._slopes = mean_slopes(self._p, self._normals, solid, radius)
+        over = self._ways[0] + _OVER[:, None, None, None] * self._up
+        gaps = np.min(solid.distance(over.reshape(-1, 3)).reshape(over.shape[:-1]), axis=0)
+        self._cover = _COVER * np.maximum(0.0, 1 - gaps / limits.tip_radii[:, None])
 
     def _across(self, vectors: FloatArray) -> FloatArray:
         """Returns the parts of vectors across the palm's axis, shape (..., 3)."""
@@ -218,14 +228,19 @@ class _Search:
         """Returns what each fingertip's way from home to each candidate costs, shape (n, K).
 
         Home is at the height of the centre of mass, and the unit of length is the hand's radius at
-        home. Contacts on edges and on thin parts cost more.
+        home. Contacts on edges, on thin parts, at the edge of reach and under parts cost more.
         """
         home = self._across(self._hand.p_OT_at(yaw))
         from_axis = home - self._across(self._p_OCoM)
         radius = float(np.mean(np.linalg.norm(from_axis, axis=1)))
-        away = self._ways[0] - home[:, None] - self._height * self._up
+        away = self._ways[0] - home[:, None] - (self._p_OCoM @ self._up) * self._up
         costs: FloatArray = _COMFORT * np.linalg.norm(away, axis=2) / radius
-        return costs + _FLAT * self._slopes
+        costs += _FLAT * self._slopes + self._hand.care * self._cover
+        for turn in (-_RESERVE, _RESERVE):
+            turned = self._hand.constraints_at(yaw + turn)
+            limits = [turned.limits_at(i, self._p, self._normals)[0] for i in range(self._n)]
+            costs += self._hand.care * _EDGE * (np.array(limits) == Limit.REACH)
+        return costs
 
     def settled(self, yaw: float, before: IntArray | None = None) -> _Trial:
         """Returns a trial at a yaw, in which fingers at first keep the seats that are permitted."""
@@ -268,9 +283,7 @@ class _Search:
         """Returns bounds of the margin with a finger at each choice, in [-1, 1], shape (k,)."""
         seated = np.flatnonzero(seats != _AWAY)
         bounds = moved_least_norm_margin(
-            self._arms[seats[seated]],
-            self._normals[seats[seated]],
-            self._hand.friction,
+            *(self._arms[seats[seated]], self._normals[seats[seated]], self._hand.friction),
             moved=int(np.searchsorted(seated, finger)),
             p_CoMQ=self._arms[choices],
             nhat_Q=self._normals[choices],
@@ -325,8 +338,8 @@ class _Search:
     def strengthened(self, trial: _Trial) -> _Trial:
         """Returns a grasp whose fingers moved to nearby places that hold more of the weight.
 
-        The margin does not know the weight, which can leave the strongest places just beside those
-        with the best margin. If force closure is lost on the way, the grasp stays as it is.
+        The margin does not know the weight: the strongest places can be just beside the best ones.
+        If force closure is lost on the way, the grasp stays as it is.
         """
         free = self.limits_at(trial.yaw) == Limit.NONE
         before, strong = 0.0, trial
@@ -344,9 +357,7 @@ class _Search:
     def _load(self, seats: IntArray) -> float:
         fingers = np.flatnonzero(seats != _AWAY)
         return largest_load(
-            self._arms[seats[fingers]],
-            self._normals[seats[fingers]],
-            self._hand.friction,
+            *(self._arms[seats[fingers]], self._normals[seats[fingers]], self._hand.friction),
             wrench=self._hand.wrench,
             normal_forces=self._hand.normal_forces[:, fingers],
         )

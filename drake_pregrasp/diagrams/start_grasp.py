@@ -103,8 +103,7 @@ def start_contacts_of(
     limits, poses = hand_planner(planner, config, hand.description).limits, [X_WO, *path]
     if p_OC is not None:
         return _given_contacts(hand, config, limits, surface, p_OC, poses, fixed)
-    settings = config.make_settings(hand.description.fingertips)
-    least = np.full(len(hand.azimuths), settings.least_force)
+    forces = config.make_settings(hand.description.fingertips)
 
     R_OW, p_OCoM = X_WO.rotation().matrix().T, surface.p_OCoM
     R_OA = R_OW @ hand.X_LA.rotation().matrix()
@@ -126,11 +125,12 @@ def start_contacts_of(
             p_AO=-p_OA @ R_OA,
             wrench=np.append(R_OW @ [0.0, 0.0, -GRAVITY * mass], np.zeros(3)),
             friction=config.planned_friction,
-            normal_forces=np.array([least, settings.largest_force]),
+            normal_forces=np.array(np.broadcast_arrays(forces.least_force, forces.largest_force)),
             yaw_range=yaw_range,
             least_fingers=GraspSettings.least_fingers,
             holds_palm=lambda yaw: _holds_palm(hand, config, poses, p_OCoM, yaw),
             in_workspace=lambda yaw, p_OT: hand.in_workspace((p_OT - p_OA) @ R_OA @ _turned(yaw)),
+            care=float(hand.X_LA.IsExactlyIdentity()),  # Fingers from the side reach around.
         ),
     )
 
