@@ -75,9 +75,7 @@ class HandOverObject:
     least_fingers: int = 3
     holds_palm: Callable[[float], bool] = lambda yaw: True
     p_AO: FloatArray = field(default_factory=lambda: np.zeros(3))
-    in_workspace: Callable[[float, FloatArray], BoolArray] = lambda yaw, p_OT: np.ones(
-        p_OT.shape[:2], dtype=bool
-    )
+    in_workspace: Callable[[float, FloatArray], BoolArray] = lambda _, p: np.full(p.shape[:2], True)
     care: float = 1.0
 
 
@@ -283,7 +281,7 @@ class _Search:
         """Returns bounds of the margin with a finger at each choice, in [-1, 1], shape (k,)."""
         seated = np.flatnonzero(seats != _AWAY)
         bounds = moved_least_norm_margin(
-            *(self._arms[seats[seated]], self._normals[seats[seated]], self._hand.friction),
+            *self._cones(seats[seated]),
             moved=int(np.searchsorted(seated, finger)),
             p_CoMQ=self._arms[choices],
             nhat_Q=self._normals[choices],
@@ -330,9 +328,9 @@ class _Search:
             return None
         seated, seats = trial.seated, trial.seats[trial.seated]
         load = self._load(trial.seats)
-        discomfort = float(np.sum(self.discomforts_at(trial.yaw)[seated, seats]))
         score = trial.margin + _LOAD * min(load, _STRONG) + _FINGER * len(seated)
-        score -= discomfort / self._n + _TURN * abs(trial.yaw - hand.yaw)
+        score -= float(np.sum(self.discomforts_at(trial.yaw)[seated, seats])) / self._n
+        score -= _TURN * abs(trial.yaw - hand.yaw)
         return replace(trial, load=load, score=score)
 
     def strengthened(self, trial: _Trial) -> _Trial:
@@ -357,14 +355,16 @@ class _Search:
     def _load(self, seats: IntArray) -> float:
         fingers = np.flatnonzero(seats != _AWAY)
         return largest_load(
-            *(self._arms[seats[fingers]], self._normals[seats[fingers]], self._hand.friction),
+            *self._cones(seats[fingers]),
             wrench=self._hand.wrench,
             normal_forces=self._hand.normal_forces[:, fingers],
         )
 
     def _margin(self, seats: IntArray) -> float:
-        taken = seats[seats != _AWAY]
-        return min_weight_margin(self._arms[taken], self._normals[taken], self._hand.friction)
+        return min_weight_margin(*self._cones(seats[seats != _AWAY]))
+
+    def _cones(self, taken: IntArray) -> tuple[FloatArray, FloatArray, float]:
+        return self._arms[taken], self._normals[taken], self._hand.friction
 
     def contacts_of(self, trial: _Trial) -> StartContacts:
         """Returns the contacts of a trial."""

@@ -129,6 +129,43 @@ def test_chosen_contacts_pass_all_tests_and_hold_the_object(name):
     assert load >= 1
 
 
+def at_the_edge(start, surface, hand):
+    """Counts the contacts that a turn of the palm by 0.1 rad takes out of reach."""
+    nhat_OC, turned = surface.project(start.p_OC)[1], [start.yaw - 0.1, start.yaw + 0.1]
+    limits = [
+        hand.constraints_at(yaw).limits_at(i, start.p_OC[[i]], nhat_OC[[i]])[0][0]
+        for yaw in turned
+        for i in np.flatnonzero(start.has_contact)
+    ]
+    return limits.count(Limit.REACH)
+
+
+def under_parts(start, surface, shape):
+    """Counts the fingertips that have a part of the object over them."""
+    tips = start.p_OC + TIP * surface.project(start.p_OC)[1]
+    over = 0.01 * np.arange(1, 11)[:, None, None] * [0.0, 0.0, 1.0]
+    gaps = shape.solid.distance((tips + over).reshape(-1, 3)).reshape(10, N).min(axis=0)
+    return np.count_nonzero((gaps < TIP - 1e-9) & start.has_contact)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "half_angle", "count"),
+    [
+        ("box0", 0.4, lambda start, surface, hand, shape: at_the_edge(start, surface, hand)),
+        ("drill", 1.13, lambda start, surface, hand, shape: under_parts(start, surface, shape)),
+    ],
+)
+def test_contacts_keep_a_reserve_of_reach_and_avoid_places_under_parts(name, half_angle, count):
+    shape = shape_of(name)
+    surface = surface_of(shape)
+    counts = []
+    for care in (0.0, 1.0):
+        start, hand = chosen(shape, surface, half_angle=half_angle, care=care)
+        counts.append(count(start, surface, hand, shape))
+    assert counts[0] > counts[1] == 0
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["box0", "mug"])
 def test_an_object_and_a_palm_that_turn_together_have_the_same_contacts(name):
