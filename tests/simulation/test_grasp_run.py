@@ -148,8 +148,9 @@ def test_a_hand_that_cannot_grasp_opens_and_says_why(tmp_path):
 def test_a_slippery_object_is_set_down_again(tmp_path):
     soft = "grasp: {touch_force: 0.05, least_force: 0.1, planned_friction: 0.7, friction: 0.1}"
     grasp = run_text(NAME, soft, tmp_path).summary["grasp"]
-    assert "lost touch" in grasp["gave_up"]
-    assert grasp["lift_height_mm"] < 5
+    # It slips away when the fingers touch it, press it, or lift it.
+    assert any(why in grasp["gave_up"] for why in ("did not arrive", "met nothing", "lost touch"))
+    assert (grasp["phase"], (grasp["lift_height_mm"] or 0.0) < 5) == ("back_off", True)
 
 
 @pytest.mark.slow
