@@ -20,8 +20,8 @@ SKIPPED = {
     tokenize.ENDMARKER,
 }
 LINES = {  # At most this many lines of code below each folder.
-    "drake_pregrasp": 21_210,
-    "drake_pregrasp/studies": 4_930,
+    "drake_pregrasp": 21_220,
+    "drake_pregrasp/studies": 4_935,
     "drake_pregrasp/fast": 1_495,
     "tests": 16_730,
 }

@@ -3,7 +3,6 @@
 import contextlib
 import importlib.util
 import zlib
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -11,10 +10,9 @@ import pytest
 
 from drake_pregrasp.cli import main
 from drake_pregrasp.config.object_config import Box, Cylinder, Mesh
-from drake_pregrasp.config.surface_config import BehindPlane, SurfaceConfig
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.simulation.hand_file import load_hand_model
-from drake_pregrasp.studies.objects import object_sets, object_trial, objects_command
+from drake_pregrasp.studies.objects import object_sets, objects_command
 from drake_pregrasp.studies.objects.object_report import cause_table, share_table
 from drake_pregrasp.studies.objects.object_sets import drawn_objects, fits, opening
 from drake_pregrasp.studies.objects.object_trial import ObjectJob, make_scenario, run_trial
@@ -100,11 +98,11 @@ def test_an_object_without_a_grasp_is_refused_with_what_is_missing(monkeypatch):
 def test_a_palm_comes_from_the_side_if_there_is_no_grasp_from_above(monkeypatch):
     objects = {"tall": Cylinder(0.03, 0.32, 0.4), "box": Box([0.06, 0.06, 0.08], 0.2)}
     monkeypatch.setitem(object_sets.SETS, "odd", lambda: objects)
-    base = object_trial.base_scenario()  # Fingers from above reach 0.15 m below the top.
-    lower = SurfaceConfig(0.02, no_touch=[BehindPlane([0.0, 0.0, 0.0], [0.0, 0.0, -1.0])])
-    monkeypatch.setattr(object_trial, "base_scenario", lambda: replace(base, surface=lower))
+    # Fingers from above reach 0.15 m below the top.
+    lower = "no_touch: [!BehindPlane {point: [0.0, 0.0, 0.0], normal: [0.0, 0.0, -1.0]}]"
+    text = f"surface: {{spacing: 0.02, forbidden_faces: [], {lower}}}"
     for name, approaches in (("tall", ["side"]), ("box", ["above"])):
-        job = ObjectJob("odd", name, HAND, 20.0, "dynamic_reach", 3)
+        job = ObjectJob("odd", name, HAND, 20.0, "dynamic_reach", 3, text)
         assert make_scenario(job).grasp.approaches == approaches
 
 

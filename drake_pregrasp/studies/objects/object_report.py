@@ -186,7 +186,7 @@ def pictures_of_grasps(
             shown.append(Grasp(job, f"{job.object}, {hand_name(job.hand)}", text))
     if not shown:
         return []
-    moments = (1.0, object_trial.base_scenario().grasp.close_at)
+    moments = (1.0, object_trial.base_scenario(shown[0].job.text).grasp.close_at)
     simulate = partial(run_jobs, processes=processes, on_progress=on_progress)
     picture_grid(folder / PICTURES, shown, moments, object_trial.make_trial, simulate)
     caption = (

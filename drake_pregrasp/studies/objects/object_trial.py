@@ -41,6 +41,7 @@ class ObjectJob(NamedTuple):
         speed: Speed of the conveyor, in mm/s.
         method: Key of `METHODS`.
         seed: Seed of the start yaw and of the noise.
+        text: YAML that overrides keys of the scenario.
     """
 
     set: str
@@ -49,11 +50,16 @@ class ObjectJob(NamedTuple):
     speed: float
     method: str
     seed: int
+    text: str = "{}"
 
 
-def base_scenario() -> Scenario:
-    """Returns the scenario that trials change."""
-    return load_scenario("trial", file=Path(__file__).with_name("objects.yaml"))
+def base_scenario(text: str) -> Scenario:
+    """Returns the scenario that trials change, with keys from a YAML text.
+
+    Raises:
+        ScenarioError: If the text is invalid.
+    """
+    return load_scenario("trial", file=Path(__file__).with_name("objects.yaml"), text=text)
 
 
 def make_scenario(job: ObjectJob) -> Scenario:
@@ -64,7 +70,7 @@ def make_scenario(job: ObjectJob) -> Scenario:
     Raises:
         ScenarioError: If the hand cannot grasp the object there.
     """
-    base, hand = base_scenario(), object_sets.hand_file(job.hand)
+    base, hand = base_scenario(job.text), object_sets.hand_file(job.hand)
     yaw = np.random.default_rng([job.seed, *job.object.encode()]).uniform(-np.pi, np.pi)
     scenario = replace(
         base,

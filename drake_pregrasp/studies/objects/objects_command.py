@@ -37,6 +37,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         ("--methods", names, _METHODS, "a,b,...", "keys of methods"),
         ("--seeds", count(1, study_options.MOST_SEEDS), 1, "N", "number of seeds for each object"),
         ("--first_seed", count(0), 0, "K", "first seed, which also draws the objects"),
+        ("--scenario_text", str, "{}", "YAML", "keys that override those of the trials' scenario"),
     ):
         text = f"{text}; %(default)s if not set"
         parser.add_argument(flag, type=kind, default=default, metavar=metavar, help=text)
@@ -63,7 +64,8 @@ def _run(options: argparse.Namespace) -> int:
         hand: object_sets.drawn_objects(options.set, hand, options.objects, seeds[0], options.pool)
         for hand in options.hands
     }
-    jobs = object_jobs(options.set, objects, options.speeds, options.methods, seeds)
+    text = options.scenario_text
+    jobs = object_jobs(options.set, objects, options.speeds, options.methods, seeds, text)
     folder = Path(options.out) / NAME
     make = functools.partial(
         study_objects, folder, jobs, processes=options.processes, scheduler=options.scheduler
@@ -77,6 +79,7 @@ def object_jobs(
     speeds: Sequence[float],
     methods: Sequence[str],
     seeds: Sequence[int],
+    text: str = "{}",
 ) -> list[ObjectJob]:
     """Returns the trials in order of their objects, so that half a study compares all methods.
 
@@ -86,6 +89,7 @@ def object_jobs(
         speeds: Speeds of the conveyor, in mm/s.
         methods: Keys of `METHODS`.
         seeds: Seeds of the trials.
+        text: YAML that overrides keys of the trials' scenario.
 
     Raises:
         InvalidArgumentError: If a method or a hand is unknown.
@@ -96,7 +100,7 @@ def object_jobs(
     for hand in objects:
         object_sets.hand_file(hand)
     return [
-        ObjectJob(set_name, names[place], hand, speed, method, seed)
+        ObjectJob(set_name, names[place], hand, speed, method, seed, text)
         for place in range(max(map(len, objects.values()), default=0))
         for seed in seeds
         for hand, names in objects.items()
@@ -134,7 +138,7 @@ def study_objects(
         OutputError: If the folder cannot be used, or has rows of other settings.
     """
     settings = {
-        "scenario": scenario_data(base_scenario()),
+        "scenario": scenario_data(base_scenario(jobs[0].text if jobs else "{}")),
         "fit": object_sets.FIT_IN_WORDS,
         "sets": digest_files([object_sets.SETS_FILE]),
     }
