@@ -1,6 +1,5 @@
 """Assignment of fingers to contacts, and initial contacts."""
 
-import cmath
 import math
 
 import numpy as np
@@ -119,7 +118,7 @@ def palm_turn(
         yaw_range: Smallest and largest angle of the palm, in radians.
     """
     goals = (p_GT[:, 0] + 1j * p_GT[:, 1]) * np.exp(-1j * finger_azimuths)
-    yaw = cmath.phase(goals.sum())
+    yaw = float(np.angle(np.sum(goals)))
     low, high = yaw_range
     return max(low, min(before + math.remainder(yaw - before, 2 * math.pi), high))
 

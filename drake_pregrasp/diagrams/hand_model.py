@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.planning import RobotDiagram, RobotDiagramBuilder
+from pydrake.systems.framework import Context
 from scipy.spatial import cKDTree
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
@@ -193,8 +194,8 @@ class HandModel:
         """Kinematics of each finger in A, on the palm at home at yaw 0."""
         hand, q, X_AW = self.kinematics, self.base.placed(self.fingers_home), self.base.X_AW
         R_AW, p_AW = X_AW.rotation().matrix(), X_AW.translation()
-        w, v = R_AW @ hand.screws(hand.body_poses(q)).reshape(2, 3, -1)
-        screws = np.concatenate([w, v + np.cross(p_AW, w, axisb=0, axisc=0)]).T
+        w, v = np.split(R_AW @ hand.screws(self._posed(q)).reshape(2, 3, -1), 2)
+        screws = np.concatenate([w[0], v[0] + np.cross(p_AW, w[0], axisb=0, axisc=0)]).T
         own = [hand.own_joints(finger) for finger in range(len(self.azimuths))]
         return [
             FingerChain(screws[j], tip, q[j], hand.lower[j], hand.upper[j], hand.efforts[j])
@@ -232,21 +233,26 @@ class HandModel:
     def _finger_balls(self) -> tuple[FloatArray, FloatArray]:
         """Balls inside the links of fingers at home: centres in A at yaw 0, and radii."""
         plant, inspector = self.kinematics.plant, self._diagram.scene_graph().model_inspector()
-        X_WB = self.kinematics.body_poses(self.base.placed(self.fingers_home))
+        context = self._posed(self.base.placed(self.fingers_home))
         links = hand_links(plant, self.kinematics.frames, self.tip_radii, inspector)
         X_AW, found = self.base.X_AW, []
         for geometry, link in links.items():
             if link.finger != BASE:
                 centers, radii = np.split(link_balls(inspector, geometry), [3], axis=1)
-                X_WL = RigidTransform(X_WB[int(link.frame.body().index())])
-                p_AB = X_AW @ X_WL @ centers.T
+                p_AB = X_AW @ link.frame.CalcPoseInWorld(context) @ centers.T
                 found.append(np.column_stack([p_AB.T, radii]))
         balls = np.concatenate(found)
         return balls[:, :3], balls[:, 3]
 
     def tips_at(self, q: FloatArray) -> FloatArray:
         """Returns the fingertips' centres in W at positions q, shape (n, 3), in metres."""
-        return self.kinematics.tip_positions(self.kinematics.body_poses(q))
+        return self.kinematics.tip_positions(self._posed(q))
+
+    def _posed(self, q: FloatArray) -> Context:
+        """Returns a context of the plant at positions q."""
+        context = self.kinematics.plant.CreateDefaultContext()
+        self.kinematics.plant.SetPositions(context, q)
+        return context
 
     @property
     def largest_offsets(self) -> FloatArray:

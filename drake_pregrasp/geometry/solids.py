@@ -188,9 +188,7 @@ class PlacedSolid(Solid):
 
     def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "PlacedSolid":
         """See `Solid`."""
-        row = self.row.copy()
-        row[:3], row[3:12] = R_GF @ row[:3] + p_GF, (R_GF @ row[3:12].reshape(3, 3)).ravel()
-        return PlacedSolid(row)
+        return PlacedSolid(moved_rows(self.row[None], R_GF, p_GF)[0])
 
 
 def moved_rows(rows: FloatArray, R_GF: FloatArray, p_GF: FloatArray) -> FloatArray:

@@ -312,14 +312,7 @@ class GraspState:
     @staticmethod
     def from_vector(vector: FloatArray) -> "GraspState":
         """Returns the state from a vector of `to_vector`."""
-        return _restored(vector.tobytes())
-
-
-@functools.lru_cache(maxsize=4)
-def _restored(data: bytes) -> GraspState:
-    """Returns the state from the bytes of its vector, which seldom changes between ticks."""
-    vector = np.frombuffer(data)
-    return _unpacker(len(vector))(vector)
+        return _unpacker(len(vector))(vector)
 
 
 @functools.cache

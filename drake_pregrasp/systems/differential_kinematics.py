@@ -15,12 +15,7 @@ from drake_pregrasp.grasping.grasp_state import BASE, NOT_HINDERED
 from drake_pregrasp.quality.grasp_quality import skew
 from drake_pregrasp.regions.obstacles import ANYWHERE
 from drake_pregrasp.systems import ports
-from drake_pregrasp.systems.fingertip_sensor import (
-    moving_joints,
-    pose_matrices,
-    scoped_frame,
-    transformed,
-)
+from drake_pregrasp.systems.fingertip_sensor import frame_poses, moving_joints, scoped_frame
 from drake_pregrasp.systems.hand_scene import FASTEST_APPROACH, HandScene
 from drake_pregrasp.systems.palm_posture import pose_error
 
@@ -164,10 +159,8 @@ class DifferentialKinematics(LeafSystem):
         self._pace = Pace(FASTEST_APPROACH, _USED * acceleration, period)
         self._change = hand.acceleration_limit * period
         self._names, self._is_goal = list(masks), np.array(list(masks.values())) > 0
-        frames = [scoped_frame(hand.plant, name) for name in masks]
-        self._bodies = np.array([int(frame.body().index()) for frame in frames])
-        self._X_BF = pose_matrices(frame.GetFixedPoseInBodyFrame() for frame in frames)
-        moves = [[moving_joints(hand.plant, frame)] for frame in frames]
+        self._frames = [scoped_frame(hand.plant, name) for name in masks]
+        moves = [[moving_joints(hand.plant, frame)] for frame in self._frames]
         self._moves = np.array(moves, dtype=float)
         self._turning = np.flatnonzero(self._is_goal[:, :3].any(axis=1))  # With a goal of rotation.
         self._tips = [tip for tip, name in enumerate(hand.tip_frames) if name in masks]
@@ -217,13 +210,13 @@ class DifferentialKinematics(LeafSystem):
         V_WO = ports.validated_velocity((self._V_WG if holding.any() else self._V_WO).Eval(context))
         q, v_last = self._q.Eval(context), self._v.Eval(context)
         least, most = self._bounds(q, v_last)
-        X_WB = self._hand.poses_in(self._hand.plant.GetMyContextFromRoot(placed))
-        screws = self._hand.screws(X_WB)
-        J, V = self._goal_rates(context, X_WB[self._bodies], screws, v_last)
+        plant_context = self._hand.plant.GetMyContextFromRoot(placed)
+        screws = self._hand.screws(plant_context)
+        J, V = self._goal_rates(context, plant_context, screws, v_last)
         J_plus = _pseudoinverse(J)
         homeward = self._gain * (self._posture.Eval(context) - q)
         v = homeward + J_plus @ (V - J @ homeward)
-        clear = self._scene.clearances(placed, X_WB, screws, V_WO, holding)
+        clear = self._scene.clearances(placed, screws, V_WO, holding)
         A = np.concatenate([self._each, -self._each, clear.rows])
         b = np.concatenate([least, -most, clear.least])
         if (A @ v >= b - _TOLERANCE).all():
@@ -249,13 +242,14 @@ class DifferentialKinematics(LeafSystem):
         return least, most
 
     def _goal_rates(
-        self, context: Context, X_WB: FloatArray, screws: FloatArray, v_last: FloatArray
+        self, context: Context, plant_context: Context, screws: FloatArray, v_last: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Returns J and V: with J v = V, frames go to their goals within limits."""
         X_WG, V_WG = self._X_WG.Eval(context), ports.validated_velocity(self._V_WG.Eval(context))
         port = f"desired_cartesian_poses of {self.get_name()}"
         X_WD = ports.validated_poses(self._goals.Eval(context), self._names, port)
-        p_WF, V = transformed(X_WB, self._X_BF[:, :, 3]), np.zeros((len(X_WB), 6))
+        X_WF = frame_poses(self._frames, plant_context)
+        p_WF, V = X_WF[:, :, 3], np.zeros((len(X_WF), 6))
         J = self._moves * screws
         J[:, 3:] -= skew(p_WF) @ J[:, :3]
         is_goal = self._is_goal & np.array([[X is not None] for X in X_WD])
@@ -264,8 +258,7 @@ class DifferentialKinematics(LeafSystem):
         )
         for i in self._turning:
             if X_WD[i] is not None:
-                X_WF = RigidTransform(X_WB[i]) @ RigidTransform(self._X_BF[i])
-                V[i] = pose_error(X_WF, X_WD[i]) / self._period
+                V[i] = pose_error(RigidTransform(X_WF[i]), X_WD[i]) / self._period
         v_goal = V_WG.translational() + (p_WF - X_WG.translation()) @ skew(V_WG.rotational()).T
         v_goal[self._tip_rows] = self._v_WT.Eval(context).reshape(-1, 3)[self._tips]
         wanted = (p_WD - p_WF) / self._period - v_goal

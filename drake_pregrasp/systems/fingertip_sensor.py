@@ -1,11 +1,10 @@
 """Kinematics of a hand's fingertips, and the sensor that measures their poses and forces."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from pydrake.geometry import GeometryId, SceneGraphInspector
-from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable, ModelInstanceIndex
 from pydrake.systems.framework import Context, LeafSystem
@@ -14,7 +13,7 @@ from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray, validated_num
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.grasp_state import BASE
 from drake_pregrasp.quality.grasp_quality import skew
-from drake_pregrasp.systems.ports import declare_cache, declare_output
+from drake_pregrasp.systems.ports import declare_context, declare_output
 
 LARGEST_RATE = 10.0
 """Largest rate of any joint, in rad/s or m/s."""
@@ -25,6 +24,8 @@ _LEAST_SHARE = 0.08  # Singular value of a Jacobian below which it is damped, of
 
 class HandKinematics:
     """Kinematics of a hand whose joints are all driven to desired positions.
+
+    The caller provides the Context.
 
     Args:
         plant: A finalized plant that contains only the hand and its carrier or arm.
@@ -48,8 +49,6 @@ class HandKinematics:
 
     def __init__(self, plant: MultibodyPlant, tip_frames: Sequence[str]) -> None:
         self.plant = plant
-        self._scratch = plant.CreateDefaultContext()  # Positions are set before each use.
-        self._body_poses = plant.get_body_poses_output_port()
         self.tip_frames = list(tip_frames)
         self.frames = [scoped_frame(plant, name) for name in tip_frames]
         self.stiffness, self.damping = _gains(plant)
@@ -60,12 +59,7 @@ class HandKinematics:
         self.acceleration_limit = plant.GetAccelerationUpperLimits()
         moves = np.array([moving_joints(plant, frame) for frame in self.frames])
         self._is_own = moves & (np.sum(moves, axis=0) == 1)
-        self._moves = moves.astype(float)
-        self._children, self._joint_screws = _joint_screws(plant)
-        self._tips = np.array([int(frame.body().index()) for frame in self.frames])
-        self._p_BT = np.array(
-            [X.translation() for X in map(Frame.GetFixedPoseInBodyFrame, self.frames)]
-        )
+        self._spanning, self._shown_by = _spanning_frames(plant, self.frames)
         for name, own in zip(tip_frames, self._is_own, strict=True):
             if np.sum(own) < _FORCE_DIRECTIONS:
                 raise InvalidArgumentError(
@@ -83,58 +77,58 @@ class HandKinematics:
         return np.flatnonzero(self._is_own[finger])
 
     def with_limited_forces(
-        self, X_WB: FloatArray, torques: FloatArray, limits: FloatArray
+        self, plant_context: Context, torques: FloatArray, limits: FloatArray
     ) -> FloatArray:
         """Returns joint torques, less for fingers that would press horizontally beyond a limit.
 
         Args:
-            X_WB: Poses of the bodies (`body_poses`), shape (b, 3, 4).
+            plant_context: Context of the plant at the hand's positions.
             torques: Torques of all joints, shape (nq,), in N m.
             limits: Largest horizontal force of each fingertip, shape (n,), in newtons.
         """
-        level = self.tip_forces(X_WB, torques) * [1.0, 1.0, 0.0]
+        level = self.tip_forces(plant_context, torques) * [1.0, 1.0, 0.0]
         size = np.linalg.norm(level, axis=1)
         excess = level * np.maximum(0.0, 1 - limits / np.maximum(size, 1e-9))[:, None]
-        J = self.tip_jacobians(X_WB) * self._is_own[:, None]
+        J = self.tip_jacobians(plant_context) * self._is_own[:, None]
         less: FloatArray = torques - np.einsum("nij,ni->j", J, excess)
         return less
 
-    def body_poses(self, q: FloatArray) -> FloatArray:
-        """Returns the poses of all bodies in W by their indices, shape (b, 3, 4); see `poses_in`.
+    def tip_positions(self, plant_context: Context) -> FloatArray:
+        """Returns the fingertips' centres in W, shape (n, 3), in metres."""
+        return frame_poses(self.frames, plant_context)[:, :, 3]
 
-        If a position q, shape (nq,), is NaN, so are all poses.
-        """
-        if np.isnan(q).any():  # Drake would abort the process.
-            return np.full((self.plant.num_bodies(), 3, 4), np.nan)
-        self.plant.SetPositions(self._scratch, q)
-        return self.poses_in(self._scratch)
-
-    def poses_in(self, plant_context: Context) -> FloatArray:
-        """Returns the poses of all bodies in a context of the plant (`pose_matrices`)."""
-        return pose_matrices(self._body_poses.Eval(plant_context))
-
-    def tip_positions(self, X_WB: FloatArray) -> FloatArray:
-        """Returns the fingertips' centres in W, shape (n, 3), in metres, from `body_poses`."""
-        return transformed(X_WB[self._tips], self._p_BT)
-
-    def screws(self, X_WB: FloatArray) -> FloatArray:
-        """Returns the screws of the joints in W, shape (6, nq), from `body_poses`.
+    def screws(self, plant_context: Context) -> FloatArray:
+        """Returns the screws of the joints in W, shape (6, nq).
 
         Column j is the spatial velocity, at the origin of W, of all that joint j moves, per unit
         rate. The Jacobian of a body has the columns of the joints that move it, and zeros.
         """
-        R_WB, p_WB = np.split(X_WB[self._children], [3], axis=2)
-        screws = R_WB @ self._joint_screws
-        screws[:, :, 1:] += skew(p_WB[:, :, 0]) @ screws[:, :, :1]
-        return screws.transpose(2, 1, 0).reshape(6, -1)
+        world = self.plant.world_frame()
+        p_WF = frame_poses(self._spanning, plant_context)[:, :, 3]
+        jacobians = [
+            self.plant.CalcJacobianSpatialVelocity(
+                plant_context, JacobianWrtVariable.kV, frame, np.zeros(3), world, world
+            )
+            for frame in self._spanning
+        ]
+        J = np.array(jacobians)
+        J[:, 3:] += skew(p_WF) @ J[:, :3]
+        screws: FloatArray = J[self._shown_by, :, np.arange(len(self._shown_by))].T
+        return screws
 
-    def tip_jacobians(self, X_WB: FloatArray) -> FloatArray:
+    def tip_jacobians(self, plant_context: Context) -> FloatArray:
         """Returns the Jacobians of the fingertips' velocities in W, shape (n, 3, nq)."""
-        w, v = np.split(self.screws(X_WB), 2)
-        jacobians: FloatArray = (v - skew(self.tip_positions(X_WB)) @ w) * self._moves[:, None]
-        return jacobians
+        world = self.plant.world_frame()
+        return np.array(
+            [
+                self.plant.CalcJacobianTranslationalVelocity(
+                    plant_context, JacobianWrtVariable.kV, frame, np.zeros(3), world, world
+                )
+                for frame in self.frames
+            ]
+        )
 
-    def tip_forces(self, X_WB: FloatArray, actuation: FloatArray) -> FloatArray:
+    def tip_forces(self, plant_context: Context, actuation: FloatArray) -> FloatArray:
         """Returns the forces that fingertips press with, in W, shape (n, 3), in newtons.
 
         At rest and without gravity, the torques of a finger's own joints are tau = J^T f. With more
@@ -143,10 +137,10 @@ class HandKinematics:
         the component tau/s there, and tau s/s0^2 below s0, so that |f| <= |tau|/s0.
 
         Args:
-            X_WB: Poses of the bodies (`body_poses`), shape (b, 3, 4).
+            plant_context: Context of the plant at the hand's positions.
             actuation: Torques of all joints, shape (nq,), in N m.
         """
-        J = self.tip_jacobians(X_WB) * self._is_own[:, None]
+        J = self.tip_jacobians(plant_context) * self._is_own[:, None]
         # U and s of J = U s Vᵀ come from J Jᵀ = U s² Uᵀ, which is smaller; Vᵀ tau is s⁻¹ Uᵀ J tau.
         squares, U = np.linalg.eigh(J @ J.swapaxes(1, 2))
         gains = 1 / np.maximum(squares, _LEAST_SHARE**2 * squares[:, -1:])
@@ -211,15 +205,10 @@ def hand_links(
     return links
 
 
-def pose_matrices(poses: Iterable[RigidTransform]) -> FloatArray:
-    """Returns the rotation and, as the last column, the position of each pose, (k, 3, 4)."""
-    return np.array([X.GetAsMatrix34() for X in poses]).reshape(-1, 3, 4)
-
-
-def transformed(X_AB: FloatArray, p_BP: FloatArray) -> FloatArray:
-    """Returns points in A, shape (k, 3), by poses of shape (k, 3, 4)."""
-    p_AP: FloatArray = (X_AB[:, :, :3] @ p_BP[:, :, None])[:, :, 0] + X_AB[:, :, 3]
-    return p_AP
+def frame_poses(frames: Sequence[Frame], plant_context: Context) -> FloatArray:
+    """Returns the rotation and, as the last column, the position of frames in W, (k, 3, 4)."""
+    poses = [frame.CalcPoseInWorld(plant_context).GetAsMatrix34() for frame in frames]
+    return np.array(poses).reshape(-1, 3, 4)
 
 
 def scoped_frame(plant: MultibodyPlant, scoped_name: str) -> Frame:
@@ -281,22 +270,21 @@ def moving_joints(plant: MultibodyPlant, frame: Frame) -> BoolArray:
     return moves
 
 
-def _joint_screws(plant: MultibodyPlant) -> tuple[IntArray, FloatArray]:
-    """Returns the index of the body that each joint moves, and its screw there, (nq, 3, 2).
-
-    The columns of a screw are the angular velocity of the body and the velocity of its origin, per
-    unit rate of the joint. Both are constant in the frame of the body.
-    """
-    context, world, nq = plant.CreateDefaultContext(), plant.world_frame(), plant.num_velocities()
-    children, screws = np.zeros(nq, int), np.zeros((nq, 3, 2))
-    for joint in map(plant.get_joint, plant.GetJointIndices()):
-        if joint.num_velocities():
-            j, B = joint.velocity_start(), joint.child_body().body_frame()
-            J_BB = plant.CalcJacobianSpatialVelocity(
-                context, JacobianWrtVariable.kV, B, np.zeros(3), world, B
-            )
-            children[j], screws[j] = int(B.body().index()), J_BB[:, j].reshape(2, 3).T
-    return children, screws
+def _spanning_frames(
+    plant: MultibodyPlant, tip_frames: Sequence[Frame]
+) -> tuple[list[Frame], IntArray]:
+    """Returns frames that together show all joints, and the index of a frame for each joint."""
+    frames: list[Frame] = []
+    shown_by = np.full(plant.num_velocities(), -1)
+    bodies = [plant.get_joint(i).child_body().body_frame() for i in plant.GetJointIndices()]
+    for frame in [*tip_frames, *bodies]:
+        if np.all(shown_by >= 0):
+            break
+        new = moving_joints(plant, frame) & (shown_by < 0)
+        if np.any(new):
+            shown_by[new] = len(frames)
+            frames.append(frame)
+    return frames, shown_by
 
 
 class FingertipSensor(LeafSystem):
@@ -338,21 +326,31 @@ class FingertipSensor(LeafSystem):
         nq, n = hand.num_positions, len(hand.tip_frames)
         self._state = self.DeclareVectorInputPort("hand_state", 2 * nq)
         self._actuation = self.DeclareVectorInputPort("net_actuation", nq)
-        self._poses = declare_cache(
-            self, "poses of the bodies", hand.body_poses(hand.lower), self._calc_poses, self._state
-        )
-        posed, actuation = self._poses, self._actuation
-        declare_output(self, "p_WT", 3 * n, lambda c: hand.tip_positions(posed.Eval(c)), posed)
+        words = "the hand's plant at the measured positions"
+        self._posed = declare_context(self, words, hand.plant, self._calc_posed, self._state)
+        posed, actuation = self._posed, self._actuation
+        declare_output(self, "p_WT", 3 * n, self._calc_positions, posed)
         declare_output(self, "f_T_W", 3 * n, self._calc_forces, posed, actuation)
-        declare_output(self, "J_WT", 3 * n * nq, lambda c: hand.tip_jacobians(posed.Eval(c)), posed)
+        declare_output(self, "J_WT", 3 * n * nq, self._calc_jacobians, posed)
 
-    def _calc_poses(self, context: Context) -> FloatArray:
-        q = validated_numbers(self._state.Eval(context)[: self._hand.num_positions])
-        return self._hand.body_poses(q)
+    def _positions(self, context: Context) -> FloatArray:
+        return validated_numbers(self._state.Eval(context)[: self._hand.num_positions])
+
+    def _calc_posed(self, context: Context, posed: Context) -> None:
+        self._hand.plant.SetPositions(posed, self._positions(context))
+
+    def _calc_positions(self, context: Context) -> FloatArray:
+        if np.isnan(self._positions(context)).any():  # Drake aborts the process on NaN.
+            return np.full((len(self._hand.tip_frames), 3), np.nan)
+        return self._hand.tip_positions(self._posed.Eval(context))
+
+    def _calc_jacobians(self, context: Context) -> FloatArray:
+        if np.isnan(self._positions(context)).any():
+            return np.full((len(self._hand.tip_frames), 3, self._hand.num_positions), np.nan)
+        return self._hand.tip_jacobians(self._posed.Eval(context))
 
     def _calc_forces(self, context: Context) -> FloatArray:
-        X_WB = self._poses.Eval(context)
         actuation = validated_numbers(self._actuation.Eval(context))
-        if np.isnan(actuation).any() or np.isnan(X_WB[-1, 0, 0]):
+        if np.isnan(actuation).any() or np.isnan(self._positions(context)).any():
             return np.full((len(self._hand.tip_frames), 3), np.nan)
-        return self._hand.tip_forces(X_WB, actuation)
+        return self._hand.tip_forces(self._posed.Eval(context), actuation)

@@ -39,9 +39,9 @@ from drake_pregrasp.quality.grasp_quality import skew
 from drake_pregrasp.systems.fingertip_sensor import (
     HandKinematics,
     HandLink,
+    frame_poses,
     hand_links,
     moving_joints,
-    transformed,
 )
 
 LINK_CLEARANCE = 0.005
@@ -168,9 +168,8 @@ class HandScene:
         )
         # Links come first, then the object; all other geometries share the last index.
         self._index = {geometry: index for index, geometry in enumerate([*links, self._object])}
-        frames = [link.frame for link in links.values()]
-        self._bodies = np.array([int(frame.body().index()) for frame in frames])
-        moves = [moving_joints(hand.plant, frame) for frame in frames]
+        self._frames = [link.frame for link in links.values()]
+        moves = [moving_joints(hand.plant, frame) for frame in self._frames]
         self._moves = np.vstack([*moves, np.zeros((2, hand.num_positions))])
         kinds = [(link.finger, link.is_tip, link.is_last) for link in links.values()]
         self._finger, is_tip, is_last = np.array(kinds).T
@@ -197,8 +196,6 @@ class HandScene:
         poses.set_value(self._obstacle_frame, RigidTransform())
         self._graph.get_source_pose_port(self._source).FixValue(graph, poses)
         inspector = self._graph.get_query_output_port().Eval(graph).inspector()
-        if not obstacles and not inspector.NumGeometriesForFrame(self._obstacle_frame):
-            return
         old = inspector.GetGeometries(self._obstacle_frame, Role.kProximity)
         names = {inspector.GetName(g): g for g in old}
         for index, solid in enumerate(obstacles):
@@ -216,12 +213,7 @@ class HandScene:
             self._graph.RemoveGeometry(graph, self._source, geometry)
 
     def clearances(
-        self,
-        context: Context,
-        X_WB: FloatArray,
-        screws: FloatArray,
-        V_WO: SpatialVelocity,
-        holding: BoolArray,
+        self, context: Context, screws: FloatArray, V_WO: SpatialVelocity, holding: BoolArray
     ) -> Clearances:
         """Returns the constraints on the hand's velocities.
 
@@ -229,21 +221,20 @@ class HandScene:
 
         Args:
             context: Context of the diagram after `place`.
-            X_WB: Poses of the hand's bodies (`HandKinematics`), shape (b, 3, 4).
-            screws: Screws of its joints, shape (6, nq).
+            screws: Screws of the hand's joints (`HandKinematics`), shape (6, nq).
             V_WO: Spatial velocity of the object's frame O in W.
             holding: Whether each fingertip holds the object or closes on it, shape (n,): only other
                 fingers are kept clear of it.
         """
         query = self._graph.get_query_output_port().Eval(self._graph.GetMyContextFromRoot(context))
-        index, others, links = self._index, len(self._index), len(self._bodies)
+        index, others, links = self._index, len(self._index), len(self._frames)
         found = [
             (a, b, pair.distance, pair.p_ACa if a < links else pair.p_BCb, pair.nhat_BA_W)
             for pair in query.ComputeSignedDistancePairwiseClosestPoints(_INFLUENCE)
             if min(a := index.get(pair.id_A, others), b := index.get(pair.id_B, others)) < links
         ]
         if not found:
-            return Clearances(np.empty((0, self._moves.shape[1])), np.empty(0), np.empty(0, int))
+            return Clearances(np.empty((0, screws.shape[1])), np.empty(0), np.empty(0, int))
         A, B, gaps, p_GC, normals = (np.array(values) for values in zip(*found, strict=True))
         link, is_object = np.where(links > A, A, B), np.maximum(A, B) == links
         among_fingers = np.maximum(A, B) < links
@@ -254,8 +245,9 @@ class HandScene:
         # Rate of a gap: its normal n times the velocity of A at the point C less that of B, where a
         # body that moves with (w, v) at the origin of W has the velocity v + w x p. Any C on the
         # line between the nearest points will do.
-        X_WB = X_WB[self._bodies[link]]
-        p_WC = transformed(X_WB, transformed(self._X_BG[link], p_GC))
+        frames = [self._frames[i] for i in link]
+        X_WB = frame_poses(frames, self.hand.plant.GetMyContextFromRoot(context))
+        p_WC = _transformed(X_WB, _transformed(self._X_BG[link], p_GC))
         X_WO = query.GetPoseInWorld(self._object_frame)
         if self._solid is not None and len(rows := np.flatnonzero(is_object)):
             # Drake measures from the hull of the object.
@@ -293,7 +285,7 @@ class HandScene:
         counts = [len(self._balls[i]) for i in link]
         owner, balls = np.repeat(np.arange(len(link)), counts), [self._balls[i] for i in link]
         centers, radii = np.split(np.concatenate(balls), [3], axis=1)
-        p_WS = transformed(X_WB[owner], centers)
+        p_WS = _transformed(X_WB[owner], centers)
         distances, outward = solid.distance_and_gradient(p_WS)
         gaps = distances - radii[:, 0]
         nearest = np.lexsort((gaps, owner))[np.cumsum(counts) - counts]
@@ -333,6 +325,12 @@ def link_balls(inspector: SceneGraphInspector, geometry: GeometryId) -> FloatArr
         centers = np.unique(parts.corners.reshape(-1, 3), axis=0)
     p_BS = (inspector.GetPoseInFrame(geometry) @ centers.T).T
     return np.column_stack([p_BS, np.full(len(p_BS), radius)])
+
+
+def _transformed(X_AB: FloatArray, p_BP: FloatArray) -> FloatArray:
+    """Returns points in A, shape (k, 3), by poses of shape (k, 3, 4)."""
+    p_AP: FloatArray = (X_AB[:, :, :3] @ p_BP[:, :, None])[:, :, 0] + X_AB[:, :, 3]
+    return p_AP
 
 
 def _geometry(name: str, shape: Shape, X_FG: RigidTransform) -> GeometryInstance:

@@ -7,7 +7,7 @@ from drake_pregrasp.arrays import FloatArray, validated_numbers
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.grasp_state import NO_LIMIT
 from drake_pregrasp.systems.fingertip_sensor import LARGEST_RATE, HandKinematics
-from drake_pregrasp.systems.ports import declare_output
+from drake_pregrasp.systems.ports import declare_context, declare_output
 
 
 class JointReference(LeafSystem):
@@ -85,6 +85,8 @@ class JointReference(LeafSystem):
         self._limits = self.DeclareVectorInputPort("force_limits", n)
         self._state = self.DeclareVectorInputPort("hand_state", 2 * nq)
         time, stored = self.time_ticket(), self.xd_ticket()
+        words = "the hand's plant at the reference"
+        self._posed = declare_context(self, words, hand.plant, self._calc_posed, time, stored)
         self._position = declare_output(self, "position", nq, self._reference, time, stored)
         sources = (self._forces, self._limits, self._state)
         declare_output(self, "desired_state", 2 * nq, self._calc_desired, time, stored, *sources)
@@ -108,8 +110,11 @@ class JointReference(LeafSystem):
         discrete_state.set_value(self._v_last, context.get_discrete_state(self._v).value())
         discrete_state.set_value(self._v, v / max(1.0, np.abs(v).max() / LARGEST_RATE))
 
+    def _calc_posed(self, context: Context, posed: Context) -> None:
+        self._hand.plant.SetPositions(posed, self._position.Eval(context))
+
     def _calc_desired(self, context: Context) -> FloatArray:
-        q_reference = q = self._position.Eval(context)
+        q = self._position.Eval(context)
         v = context.get_discrete_state(self._v).value()
         above, below = q >= self._hand.upper, q <= self._hand.lower
         is_at_limit = (above & (v > 0)) | (below & (v < 0))
@@ -117,14 +122,12 @@ class JointReference(LeafSystem):
             f_T_W = validated_numbers(self._forces.Eval(context)).reshape(-1, 3)
             f_T_W[np.isnan(f_T_W).any(axis=1)] = 0.0
             if f_T_W.any():
-                jacobians = self._hand.tip_jacobians(self._hand.body_poses(q))
+                jacobians = self._hand.tip_jacobians(self._posed.Eval(context))
                 q = q + np.einsum("nij,ni->j", jacobians, f_T_W) / self._hand.stiffness
         v = np.where(is_at_limit, 0.0, v)
-        return np.concatenate([self._yielding(context, q_reference, q, v), v])
+        return np.concatenate([self._yielding(context, q, v), v])
 
-    def _yielding(
-        self, context: Context, q_reference: FloatArray, q: FloatArray, v: FloatArray
-    ) -> FloatArray:
+    def _yielding(self, context: Context, q: FloatArray, v: FloatArray) -> FloatArray:
         """Returns desired positions with which no finger presses harder than it may.
 
         A finger that is free lags behind its reference only until it knows a new velocity; what it
@@ -144,6 +147,6 @@ class JointReference(LeafSystem):
         v_known = context.get_discrete_state(self._v_last).value() if is_new else v
         behind = q - elapsed * (v - v_known) - (q_now + self._step * v_now)
         torques = hand.stiffness * behind + hand.damping * (v_known - v_now)
-        allowed = hand.with_limited_forces(hand.body_poses(q_reference), torques, limits)
+        allowed = hand.with_limited_forces(self._posed.Eval(context), torques, limits)
         yielding: FloatArray = q - (torques - allowed) / hand.stiffness
         return yielding

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from conftest import usable_hands
 from five_finger_hand import HAND, RING
-from pydrake.multibody.tree import JacobianWrtVariable
 from selections import CUBE, selection_of
 
 from drake_pregrasp import InvalidArgumentError, load_scenario
@@ -29,14 +28,13 @@ MEASURES = HAND.finger_measures(CUBE)
 
 def drake_finger(hand, finger, q_own):
     """The fingertip's centre and the Jacobian of its own joints in A, by Drake."""
-    own, plant = hand.kinematics.own_joints(finger), hand.kinematics.plant
+    kinematics, own = hand.kinematics, hand.kinematics.own_joints(finger)
     q = hand.base.placed(hand.fingers_home)
     q[own] = q_own
-    frame, context = hand.kinematics.frames[finger], plant.CreateDefaultContext()
-    plant.SetPositions(context, q)
-    point = (JacobianWrtVariable.kV, frame, np.zeros(3), plant.world_frame(), plant.world_frame())
-    J = hand.base.X_AW.rotation() @ plant.CalcJacobianTranslationalVelocity(context, *point)
-    return hand.base.X_AW @ frame.CalcPoseInWorld(context).translation(), J[:, own]
+    context = kinematics.plant.CreateDefaultContext()
+    kinematics.plant.SetPositions(context, q)
+    J = hand.base.X_AW.rotation() @ kinematics.tip_jacobians(context)[finger]
+    return hand.base.X_AW @ kinematics.tip_positions(context)[finger], J[:, own]
 
 
 @pytest.mark.parametrize("name", usable_hands())

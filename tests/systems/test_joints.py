@@ -16,8 +16,10 @@ FORCES = np.random.default_rng(1).normal(size=(N, 3))
 
 def joint_torques(forces):
     """J^T f at Q."""
-    J = HAND.kinematics.tip_jacobians(HAND.kinematics.body_poses(Q))
-    return np.einsum("nij,ni->j", J, forces)
+    plant = HAND.kinematics.plant
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, Q)
+    return np.einsum("nij,ni->j", HAND.kinematics.tip_jacobians(context), forces)
 
 
 def test_a_sensor_feels_what_fingers_press_with():
@@ -65,8 +67,11 @@ def test_a_finger_that_is_in_the_way_presses_with_no_more_than_its_limit():
         hand_state=np.append(now, np.zeros(NQ)),
     )
     desired, _ = reference.array("desired_state").reshape(2, NQ)
+    plant = HAND.kinematics.plant
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, Q)
     torques = HAND.kinematics.stiffness * (desired - now)
-    forces = HAND.kinematics.tip_forces(HAND.kinematics.body_poses(Q), torques)
+    forces = HAND.kinematics.tip_forces(context, torques)
     level = np.linalg.norm(3 * FORCES[:, :2], axis=1)
     shares = np.minimum(1, np.nan_to_num(limits, nan=np.inf) / level)
     assert np.any(shares < 1)
