@@ -146,8 +146,10 @@ def pan() -> trimesh.Trimesh:
 
 
 def screwdriver() -> trimesh.Trimesh:
-    """Returns a screwdriver that lies on its round handle and on one of six faces of its collar."""
-    # The handle is 5 um above the table, so that no faces coincide.
+    """Returns a screwdriver that lies on a face of its collar, with its round handle just above.
+
+    The handle is 5 um above the table, so that no faces coincide.
+    """
     return united(rod(15.718, -100, 0), rod(18, -14, 0, sections=6), rod(3.5, -10, 95))
 
 

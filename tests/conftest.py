@@ -104,8 +104,10 @@ def allegro_panda() -> Path:
     return robot_model("robots://allegro_panda.urdf")
 
 
-_SLOW = "finger_measures grasp_from_side grasp_shadow random_boxes random_boxes_allegro"
-SLOW_TO_LOAD = f"{_SLOW} independence reassignment".split()
+SLOW_TO_LOAD = (
+    *("finger_measures", "grasp_from_side", "grasp_shadow"),
+    *("random_boxes", "random_boxes_allegro", "independence", "reassignment"),
+)
 """Scenarios and sweeps whose start contacts take seconds to choose."""
 
 

@@ -128,7 +128,7 @@ class SelectionInput:
         return {}
 
     def project(self, p_OP: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Projects points like `ObjectSurface.project`, the same points once a tick."""
+        """Projects like `ObjectSurface.project`, equal arrays of points once a tick."""
         if (key := p_OP.tobytes()) not in self._known:
             self._known[key] = self.surface.project(p_OP)
         points, normals = self._known[key]
@@ -144,7 +144,8 @@ class SelectionInput:
         if (key := (contacts.tobytes(), p_OC.tobytes())) not in self._known:
             normals = self.project(p_OC)[1]
             self._known[key] = self.limits_at(self.regions.predicates, contacts, p_OC, normals)
-        return self._known[key]
+        limits, causes = self._known[key]
+        return limits.copy(), causes.copy()
 
 
 WeightFunction = Callable[[SelectionInput, int], FloatArray]

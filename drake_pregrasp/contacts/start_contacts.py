@@ -29,9 +29,9 @@ _FLAT = 2.0  # Cost of contacts with a mean slope of 1 around them.
 _FINGER = 0.25  # Gain of one more finger, which shares the load.
 _LOAD = 0.5  # Gain of strength for the object's weight once more, up to `_STRONG` times.
 _TURN = 0.05  # Cost of a palm that turns by a radian.
-_EDGE = 0.1  # Cost of a contact that is out of reach after a turn by `_RESERVE`, for each way.
+_EDGE = 0.1  # Cost of a contact out of reach after a turn by `_RESERVE`, for each direction.
 _RESERVE = 0.1  # In radians.
-_COVER = 0.1  # Cost of a contact under a part that is in the way by a fingertip's radius.
+_COVER = 0.1  # Cost of a contact with a part of the object over its fingertip's centre.
 _OVER = 0.01 * np.arange(1, 11)  # Heights over contacts at which such parts are found, in metres.
 _STRONG = 2.0
 _NEIGHBOURS = 8  # Number of places near each contact that may hold more of the weight.
@@ -106,8 +106,8 @@ def choose_start_contacts(
     At each yaw of the palm, fingers first take the permitted candidates nearest to their home. Then
     each in turn moves to the place with the best bound of the force-closure margin beside the
     others. For the best yaws the palm turns with the contacts until they are in reach there, and
-    the exact margins decide. A finger stays away without room, or if it lowers the margin. Places
-    at the edge of reach and under parts count less, unless there is no grasp otherwise.
+    the exact margins decide. A finger stays away if it has no room or lowers the margin. Places at
+    the edge of reach and under parts of the object cost more; without a grasp, these costs go.
 
     Args:
         surface: The object's surface.
@@ -130,7 +130,7 @@ def choose_start_contacts(
             return fine.contacts_of(best)
         held = f"hold {best.load:.2g} of its weight with friction {hand.friction:g}"
     problem = NoGraspError(Lack.FRICTION, f"the best contacts {held}") if grasps else coarse.lack()
-    if problem.lack == Lack.FRICTION and hand.care > 0:
+    if problem.lack in (Lack.FRICTION, Lack.ROOM) and hand.care > 0:
         return choose_start_contacts(surface, solid, replace(hand, care=0.0))
     raise problem
 
@@ -234,7 +234,7 @@ class _Search:
         away = self._ways[0] - home[:, None] - (self._p_OCoM @ self._up) * self._up
         costs: FloatArray = _COMFORT * np.linalg.norm(away, axis=2) / radius
         costs += _FLAT * self._slopes + self._hand.care * self._cover
-        for turn in (-_RESERVE, _RESERVE):
+        for turn in (-_RESERVE, _RESERVE) if self._hand.care else ():
             turned = self._hand.constraints_at(yaw + turn)
             limits = [turned.limits_at(i, self._p, self._normals)[0] for i in range(self._n)]
             costs += self._hand.care * _EDGE * (np.array(limits) == Limit.REACH)

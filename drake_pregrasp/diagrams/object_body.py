@@ -184,7 +184,7 @@ def _hull_data(hull: trimesh.Trimesh) -> InMemoryMesh:
     Each tetrahedron presses at one point of its patch of contact. Faces with few corners are
     divided at their centres, because an object that stands on two such points rocks.
     """
-    # Each look at a mesh hashes its arrays.
+    # trimesh hashes its arrays at each access.
     vertices, faces, centroid = np.array(hull.vertices), np.array(hull.faces), hull.centroid
     points, triangles = [*vertices], []
     for face in _hull_faces(hull):

@@ -52,7 +52,7 @@ def obstacles_at_times(
         pairs = zip(own, sound, strict=True)
         solids = tuple(PlacedSolid(row) if is_known else ANYWHERE for row, is_known in pairs)
         placed.append(Obstacles(solids, at_time))
-        vars(placed[-1])["rows"] = own  # Known already: the solids are these rows.
+        vars(placed[-1])["rows"] = own  # Fills the cached property.
     return placed
 
 

@@ -214,7 +214,7 @@ class PoseEstimator(LeafSystem):
         discrete_state.set_value(self._time_index, [context.get_time()])
         track: PoseTrack = self._track.Eval(context)
         discrete_state.set_value(self._track_index, vector := pack(track))
-        self._last = vector.tobytes(), track  # Equal bytes are mostly these, made already.
+        self._last = vector.tobytes(), track  # Saves unpacking if a state has these bytes.
 
     def _calc_estimate(self, context: Context) -> tuple[TrackingStatus, pose_filter.PoseBelief]:
         track: PoseTrack = self._track.Eval(context)

@@ -120,12 +120,13 @@ def test_a_push_through_the_centre_moves_the_object_its_way():
 
 def test_a_push_off_the_centre_turns_the_object():
     turns = {}
-    for offset in (-0.02, 0.02):
+    for offset in (-0.02, 0.0, 0.02):
         motion = Push(offset=offset, speed=0.1, distance=0.15, start=0.1)
         (X_WO,) = poses(motion, [2.0], time_step=0.005, box=Box())
         turns[offset] = yaw(X_WO)
     assert turns[0.02] < -0.2
     assert turns[-0.02] == pytest.approx(-turns[0.02], abs=0.02)
+    assert abs(turns[0.0]) < 0.01
 
 
 def test_a_pose_stream_is_followed_as_recorded_and_shown():

@@ -1,21 +1,26 @@
 """Fast objects are tracked within a few ticks, and the status is TRACKING only then."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import slow
 from pydrake.math import RigidTransform, RotationMatrix
-from sampled_motion import measured, normalized_squares
+from sampled_motion import measured, normalized_squares, sampled_motion
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
 from drake_pregrasp import MeasurementVerdict, PoseEstimator, TrackingStatus
 from drake_pregrasp.arrays import FARTHEST
-from drake_pregrasp.config.planner_config import EstimatorConfig, filter_noise
+from drake_pregrasp.config.planner_config import EstimatorConfig, filter_noise, tracker_settings
 from drake_pregrasp.estimation.pose_filter import (
     PoseMeasurement,
     first_belief,
     predict,
     two_point_belief,
 )
+from drake_pregrasp.estimation.pose_track import PoseTrack
+from drake_pregrasp.estimation.pose_tracker import update_track
 
 NOISE, X = filter_noise(EstimatorConfig()), np.array([1.0, 0.0, 0.0])
 LAST_UNLOCKED = 3  # The fifth measurement locks.
@@ -212,3 +217,20 @@ def test_the_estimate_never_leaves_the_valid_range_and_is_lost_before():
         X_WO = estimate["X_WO_estimated"]
         assert np.all(np.abs(X_WO.translation()) <= FARTHEST)
     assert TrackingStatus.LOST in statuses
+
+
+@pytest.mark.slow
+def test_a_rotation_of_ten_radians_a_second_has_the_errors_that_its_covariance_tells():
+    settings, period, squares = tracker_settings(EstimatorConfig()), 0.05, []
+    fast = replace(NOISE, initial_angular_velocity=10 / np.sqrt(3), initial_velocity=1.0)
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        p, v, R, w = sampled_motion(rng, fast, period)
+        track = PoseTrack.empty(1)
+        for k, (p_z, R_z) in enumerate(zip(*measured(rng, p, R, NOISE), strict=True)):
+            measurement = PoseMeasurement(k * period, p_z, R_z.as_matrix())
+            track = update_track(track, measurement, k * period, settings)
+        squares.append(normalized_squares(track.newest, p[-1], v[-1], R[-1], w[-1]))
+    low, high = chi2.interval(0.999, 6 * 100)
+    means = np.mean(squares, axis=0)
+    assert np.all((low / 100 < means) & (means < high / 100))

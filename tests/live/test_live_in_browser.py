@@ -1,5 +1,6 @@
 """The live view, as someone uses it who opens its page in a browser."""
 
+import io
 import queue
 import threading
 import time
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser import BROWSER, PATIENCE, Browser
+from PIL import Image
 from pydrake.math import RollPitchYaw
 
 from drake_pregrasp import load_scenario
@@ -227,3 +229,13 @@ def test_the_camera_goes_with_the_object_and_the_mouse_turns_it(page):
     page.browser.ask("Page.reload")
     page.browser.until("window.viewer?.controls?.target.x > 0.5")
     np.testing.assert_allclose(page.seen(), 0, atol=0.1)
+
+
+def test_the_page_shows_the_whole_scene(page, tmp_path):
+    """The table, the object, and regions on it, soon after the page is opened."""
+    page.pass_time(4.0)
+    image = np.array(Image.open(io.BytesIO(page.browser.picture())).convert("RGB"), dtype=float)
+    spread = image.max(axis=2) - image.min(axis=2)
+    scene = np.s_[150:, 360:650]  # Between the story and the controls.
+    assert np.mean(spread[scene] > 40) > 0.05  # Regions.
+    assert np.mean(image[scene].mean(axis=2) < 215) > 0.3  # Object and table.

@@ -145,12 +145,13 @@ def test_a_hand_that_cannot_grasp_opens_and_says_why(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_slippery_object_is_set_down_again(tmp_path):
+def test_a_hand_gives_up_on_a_slippery_object_and_does_not_lift_it(tmp_path):
     soft = "grasp: {touch_force: 0.05, least_force: 0.1, planned_friction: 0.7, friction: 0.1}"
     grasp = run_text(NAME, soft, tmp_path).summary["grasp"]
     # It slips away when the fingers touch it, press it, or lift it.
     assert any(why in grasp["gave_up"] for why in ("did not arrive", "met nothing", "lost touch"))
-    assert (grasp["phase"], (grasp["lift_height_mm"] or 0.0) < 5) == ("back_off", True)
+    assert grasp["phase"] == "back_off"
+    assert (grasp["lift_height_mm"] or 0.0) < 5
 
 
 @pytest.mark.slow

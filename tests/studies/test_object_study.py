@@ -2,6 +2,7 @@
 
 import contextlib
 import importlib.util
+import json
 import zlib
 
 import numpy as np
@@ -152,9 +153,13 @@ def test_unusable_options_end_with_one_line(options, problem, capsys, tmp_path):
 
 @pytest.mark.slow
 def test_an_object_from_the_command_to_the_pictures(tmp_path):
+    text, alone = "{grasp: {close_at: 3.5}}", ["--out", str(tmp_path), "--processes", "1"]
     options = ["--set", "primitives", "--pool", "1-1", "--methods", "dynamic_reach,reactive"]
-    assert main(["study", "objects", *options, "--out", str(tmp_path), "--processes", "1"]) == 0
+    assert main(["study", "objects", *options, "--scenario_text", text, *alone]) == 0
     rows = pd.read_csv(tmp_path / "objects" / "rows.csv")
+    assert set(rows["text"]) == {text}
+    settings = json.loads((tmp_path / "objects" / "settings.json").read_text())
+    assert settings["study"]["scenario"]["grasp"]["close_at"] == 3.5
     assert len(rows) == 2
     assert rows[rows["method"] == "dynamic_reach"]["held"].all()
     assert rows["cause"].isna().eq(rows["held"]).all()

@@ -143,6 +143,7 @@ def test_a_folder_in_use_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("number", "rows", "delay"),
     [
+        (signal.SIGINT, 0, 0.0),
         (signal.SIGINT, 0, 0.8),
         (signal.SIGTERM, 3, 0.0),
         (signal.SIGKILL, 3, 0.0),
