@@ -1,5 +1,6 @@
 """A real Chromium without a window, driven through its debugging pipe."""
 
+import base64
 import contextlib
 import fcntl
 import itertools
@@ -101,3 +102,7 @@ class Browser:
                 return value
             time.sleep(0.05)
         raise TimeoutError(expression)
+
+    def picture(self) -> bytes:
+        """Returns a PNG picture of the page."""
+        return base64.b64decode(self.ask("Page.captureScreenshot")["data"])
