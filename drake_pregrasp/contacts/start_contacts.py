@@ -107,7 +107,7 @@ def choose_start_contacts(
     each in turn moves to the place with the best bound of the force-closure margin beside the
     others. For the best yaws the palm turns with the contacts until they are in reach there, and
     the exact margins decide. A finger stays away if it has no room or lowers the margin. Places at
-    the edge of reach and under parts of the object cost more; without a grasp, these costs go.
+    the edge of reach and under parts of the object cost more, unless this leaves no grasp.
 
     Args:
         surface: The object's surface.
