@@ -76,38 +76,38 @@ def groups_of(pairs: Sequence[Pair], num_contacts: int) -> list[list[int]]:
     return together + [[contact] for contact in range(num_contacts) if contact not in paired]
 
 
-def step_toward(
-    surface: ObjectSurface, p_OCi: FloatArray, goal: FloatArray, max_step: float
+def steps_toward(
+    surface: ObjectSurface, p_OC: FloatArray, goals: FloatArray, max_step: float
 ) -> FloatArray:
-    """Returns a point of the allowed surface towards a goal, at most a step away.
+    """Returns points of the allowed surface towards goals, each at most a step away, shape (n, 3).
 
     A contact that is off the allowed surface returns to it at once. No step leads through a wall.
 
     Args:
         surface: The object's surface.
-        p_OCi: Contact, shape (3,), in metres.
-        goal: Goal on the surface, shape (3,), in metres.
+        p_OC: Contacts, shape (n, 3), in metres.
+        goals: Goals on the surface, shape (n, 3), in metres.
         max_step: Longest step, in metres.
     """
-    offset = goal - p_OCi
-    length = float(np.linalg.norm(offset))
-    starts, normals = surface.project(p_OCi[None])
-    if length <= max_step and normals_agree(normals, surface.project(goal[None])[1])[0, 0]:
-        return goal
-    start: FloatArray = starts[0]
-    if np.linalg.norm(start - p_OCi) > max_step:
-        return start
-    near = surface.candidates_within(p_OCi, max_step)
-    near = near[normals_agree(normals, surface.nhat_OQ[near])[0]]
-    step = min(max_step, length)
+    n, offsets = len(p_OC), goals - p_OC
+    nearest, normals = surface.project(np.concatenate([p_OC, goals]))
+    starts, lengths = nearest[:n], norms(offsets)
+    arrives = (lengths <= max_step) & normals_agree(normals[:n], normals[n:]).diagonal()
+    returns = norms(starts - p_OC) > max_step
+    after = np.where(arrives[:, None], goals, np.where(returns[:, None], starts, p_OC))
     longest = max_step * (1 + ROUNDING)  # On a flat face the point is exactly a step away.
-    for _ in range(_HALVINGS if len(near) else 0):
-        straight = p_OCi + step / length * offset
-        point: FloatArray = surface.project_into(straight[None], [near])[0][0]
-        if np.linalg.norm(point - p_OCi) <= longest:
-            return point
-        step /= 2
-    return p_OCi
+    moving = np.flatnonzero(~arrives & ~returns)
+    for halving in range(_HALVINGS):
+        if len(moving) == 0:
+            break
+        shares = np.minimum(max_step / lengths[moving], 1.0) / 2**halving
+        straight = p_OC[moving] + shares[:, None] * offsets[moving]
+        points, there = surface.project(straight)
+        fits = norms(points - p_OC[moving]) <= longest
+        fits &= normals_agree(normals[moving], there).diagonal()
+        after[moving[fits]] = points[fits]
+        moving = moving[~fits]
+    return after
 
 
 def follow_pairs(
@@ -235,8 +235,7 @@ def limited_goals(
     stays = may_stay & (np.linalg.norm(goals - p_OC, axis=1) < limits.deadband)
     goals[stays] = p_OC[stays]
     if np.isfinite(limits.max_step):
-        for contact in range(len(goals)):
-            goals[contact] = step_toward(surface, p_OC[contact], goals[contact], limits.max_step)
+        goals = steps_toward(surface, p_OC, goals, limits.max_step)
     if pairs:
         goals = follow_pairs(selection, goals, pairs, limits.max_step)
     guarded = may_stay.copy()
@@ -245,13 +244,13 @@ def limited_goals(
         guarded[both] &= np.all(may_stay[both]) and pair.error(p_OC) <= pair.tolerance
     if limits.guard is not None:
         groups = groups_of(pairs, len(goals))
-        goals = keep_quality(surface, goals, p_OC, guarded, limits.guard, groups)
+        goals = keep_quality(selection, goals, guarded, limits.guard, groups)
     if len(regions.constraints.tip_radii):
         apart = hold_where_tips_meet(selection, goals, pairs)
         # Undoing some of the steps can leave a worse grasp than undoing all of them.
         if limits.guard is not None and np.any(apart != goals):
             everybody = [range(len(goals))]
-            apart = keep_quality(surface, apart, p_OC, guarded, limits.guard, everybody)
+            apart = keep_quality(selection, apart, guarded, limits.guard, everybody)
         goals = apart
     return goals
 
@@ -276,8 +275,8 @@ def with_returning_contacts(
         if len(choices):
             away = surface.p_OQ[choices] - goals[contact]
             target = surface.p_OQ[choices[np.argmin(np.sum(away**2, axis=1))]]
-            goals[contact] = step_toward(surface, goals[contact], target, max_step)
-            normals[contact] = selection.project(goals[contact][None])[1][0]
+            goals[[contact]] = steps_toward(surface, goals[[contact]], target[None], max_step)
+            normals[contact] = selection.project(goals[[contact]])[1][0]
             there[contact] = True
     return goals
 

@@ -6,6 +6,7 @@ from functools import lru_cache
 import numpy as np
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.force_closure import min_weight_margin
@@ -68,9 +69,8 @@ def guard_measure(
 
 
 def keep_quality(
-    surface: ObjectSurface,
+    selection: SelectionInput,
     goals: FloatArray,
-    p_OC_before: FloatArray,
     active: BoolArray,
     measure: Measure,
     groups: Sequence[Sequence[int]],
@@ -78,18 +78,18 @@ def keep_quality(
     """Moves contacts one after another, each only if no measure of the grasp falls.
 
     Args:
-        surface: The object's surface.
+        selection: Surface and contacts of this tick.
         goals: Goals of the contacts, shape (n, 3), in metres.
-        p_OC_before: Contacts before the step, shape (n, 3), in metres.
         active: Mask of the contacts in the grasp, shape (n,); the others move freely.
         measure: Measures of the active contacts, none of which may fall.
         groups: Groups of contacts that move together; each contact is in one group.
 
     Returns:
-        Contacts, shape (n, 3), in metres. Each measure is at least that of `p_OC_before`.
+        Contacts, shape (n, 3), in metres. Each measure is at least that of `selection.p_OC`.
     """
     # Each contact is either where it was or at its goal, so that its normal is one of two.
-    normals_before, normals_there = surface.project(p_OC_before)[1], surface.project(goals)[1]
+    surface, p_OC_before = selection.surface, selection.p_OC
+    normals_before, normals_there = selection.project(p_OC_before)[1], selection.project(goals)[1]
     steps = ~active
 
     def quality_after(steps: BoolArray) -> Iterable[float]:

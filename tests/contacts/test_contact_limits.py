@@ -23,7 +23,7 @@ from thin_cup import CUP, RADIUS, WALL
 
 from drake_pregrasp import ContactStatus, InvalidArgumentError, box_surface
 from drake_pregrasp.contacts.centroids import position_tracking, select_contacts
-from drake_pregrasp.contacts.goal_limits import ContactLimits, Pair, hold_contacts, step_toward
+from drake_pregrasp.contacts.goal_limits import ContactLimits, Pair, hold_contacts, steps_toward
 from drake_pregrasp.contacts.quality_guard import guard_measure
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface
@@ -60,7 +60,7 @@ def test_no_step_is_longer_than_max_step_and_all_end_on_the_allowed_surface(surf
 def test_small_steps_lead_to_the_goal(surface):
     place, goal = surface.project(np.array([[0.1, 0.01, 0.0], [-0.02, 0.1, 0.01]]))[0]
     for _ in range(100):
-        after = step_toward(surface, place, goal, 0.004)
+        after = steps_toward(surface, place[None], goal[None], 0.004)[0]
         assert np.linalg.norm(after - goal) < np.linalg.norm(place - goal)
         place = after
         if np.linalg.norm(place - goal) <= 1e-12:
@@ -81,15 +81,15 @@ def test_small_steps_lead_to_the_goal(surface):
 def test_no_step_leads_through_a_wall(surface, start, goal, max_step):
     (place, goal), (normal, _) = surface.project(np.array([start, goal]))
     for _ in range(50):
-        place = step_toward(surface, place, goal, max_step)
+        place = steps_toward(surface, place[None], goal[None], max_step)[0]
         assert surface.project(place[None])[1][0] @ normal > 0
     assert np.linalg.norm(place - goal) < WALL + 2e-4  # Opposite to it, and no farther.
 
 
 def test_a_contact_off_the_allowed_surface_moves_to_it_in_one_tick():
-    inside = np.array([0.02, 0.0, 0.0])
-    place = step_toward(BALL, inside, BALL.project(np.array([[-1.0, 0, 0]]))[0][0], 0.001)
-    np.testing.assert_allclose(place, BALL.project(inside[None])[0][0])
+    inside = np.array([[0.02, 0.0, 0.0]])
+    place = steps_toward(BALL, inside, BALL.project(np.array([[-1.0, 0, 0]]))[0], 0.001)
+    np.testing.assert_allclose(place, BALL.project(inside)[0])
 
 
 def test_within_the_deadband_goals_stay_to_the_bit():
