@@ -73,8 +73,10 @@ def copied_inputs(ports: Mapping[str, InputPort], context: Context) -> dict[str,
     Vectors and poses are copies, because Drake overwrites the values of ports later.
     """
     values = {name: port.Eval(context) for name, port in ports.items() if port.HasValue(context)}
-    copies = {np.ndarray: np.copy, RigidTransform: RigidTransform}
-    return {name: copies.get(type(value), lambda v: v)(value) for name, value in values.items()}
+    for name, value in values.items():
+        if isinstance(value, RigidTransform):  # Vectors are copies already.
+            values[name] = RigidTransform(value)
+    return values
 
 
 def declare_output(
