@@ -1,5 +1,6 @@
 """Assignment of fingers to contacts, and initial contacts."""
 
+import cmath
 import math
 
 import numpy as np
@@ -118,7 +119,7 @@ def palm_turn(
         yaw_range: Smallest and largest angle of the palm, in radians.
     """
     goals = (p_GT[:, 0] + 1j * p_GT[:, 1]) * np.exp(-1j * finger_azimuths)
-    yaw = float(np.angle(np.sum(goals)))
+    yaw = cmath.phase(np.add.reduce(goals))
     low, high = yaw_range
     return max(low, min(before + math.remainder(yaw - before, 2 * math.pi), high))
 

@@ -165,6 +165,7 @@ class DifferentialKinematics(LeafSystem):
         self._turning = np.flatnonzero(self._is_goal[:, :3].any(axis=1))  # With a goal of rotation.
         self._tips = [tip for tip, name in enumerate(hand.tip_frames) if name in masks]
         self._tip_rows = [self._names.index(hand.tip_frames[tip]) for tip in self._tips]
+        self._others = np.setdiff1d(np.arange(len(masks)), self._tip_rows)
         self._q = self.DeclareVectorInputPort("position", nq)
         self._v = self.DeclareVectorInputPort("velocity", nq)
         self._posture = self.DeclareVectorInputPort("nominal_posture", nq)
@@ -217,11 +218,12 @@ class DifferentialKinematics(LeafSystem):
         homeward = self._gain * (self._posture.Eval(context) - q)
         v = homeward + J_plus @ (V - J @ homeward)
         clear = self._scene.clearances(placed, screws, V_WO, holding)
-        A = np.concatenate([self._each, -self._each, clear.rows])
-        b = np.concatenate([least, -most, clear.least])
-        if (A @ v >= b - _TOLERANCE).all():
+        slack = np.concatenate([v - least, most - v, clear.rows @ v - clear.least])
+        if np.minimum.reduce(slack) >= -_TOLERANCE:
             return v, NOT_HINDERED
         # Both costs are zero at the v from above, which is the minimum without constraints.
+        A = np.concatenate([self._each, -self._each, clear.rows])
+        b = np.concatenate([least, -most, clear.least])
         free = self._each - J_plus @ J
         H = _TRACKING_WEIGHT * J.T @ J + free + _DAMPING**2 * self._each
         solution = constrained_velocity(H, v, A, b)
@@ -245,7 +247,6 @@ class DifferentialKinematics(LeafSystem):
         self, context: Context, plant_context: Context, screws: FloatArray, v_last: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Returns J and V: with J v = V, frames go to their goals within limits."""
-        X_WG, V_WG = self._X_WG.Eval(context), ports.validated_velocity(self._V_WG.Eval(context))
         port = f"desired_cartesian_poses of {self.get_name()}"
         X_WD = ports.validated_poses(self._goals.Eval(context), self._names, port)
         X_WF = frame_poses(self._frames, plant_context)
@@ -259,8 +260,13 @@ class DifferentialKinematics(LeafSystem):
         for i in self._turning:
             if X_WD[i] is not None:
                 V[i] = pose_error(RigidTransform(X_WF[i]), X_WD[i]) / self._period
-        v_goal = V_WG.translational() + (p_WF - X_WG.translation()) @ skew(V_WG.rotational()).T
+        v_goal = np.empty(p_WF.shape)
         v_goal[self._tip_rows] = self._v_WT.Eval(context).reshape(-1, 3)[self._tips]
+        if len(self._others):  # These move with G.
+            V_WG = ports.validated_velocity(self._V_WG.Eval(context))
+            p_GF_W = p_WF[self._others] - self._X_WG.Eval(context).translation()
+            carried = p_GF_W @ skew(V_WG.rotational()).T
+            v_goal[self._others] = V_WG.translational() + carried
         wanted = (p_WD - p_WF) / self._period - v_goal
         V[:, 3:] = v_goal + self._pace.toward(wanted, J[:, 3:] @ v_last - v_goal)
         return J[is_goal], V[is_goal]

@@ -9,10 +9,9 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable, ModelInstanceIndex
 from pydrake.systems.framework import Context, LeafSystem
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray, validated_numbers
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray, are_valid
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.grasp_state import BASE
-from drake_pregrasp.quality.grasp_quality import skew
 from drake_pregrasp.systems.ports import declare_context, declare_output
 
 LARGEST_RATE = 10.0
@@ -59,7 +58,8 @@ class HandKinematics:
         self.acceleration_limit = plant.GetAccelerationUpperLimits()
         moves = np.array([moving_joints(plant, frame) for frame in self.frames])
         self._is_own = moves & (np.sum(moves, axis=0) == 1)
-        self._spanning, self._shown_by = _spanning_frames(plant, self.frames)
+        self._spanning, shown_by = _spanning_frames(plant, self.frames)
+        self._shown = shown_by * len(shown_by) + np.arange(len(shown_by))
         for name, own in zip(tip_frames, self._is_own, strict=True):
             if np.sum(own) < _FORCE_DIRECTIONS:
                 raise InvalidArgumentError(
@@ -103,17 +103,15 @@ class HandKinematics:
         Column j is the spatial velocity, at the origin of W, of all that joint j moves, per unit
         rate. The Jacobian of a body has the columns of the joints that move it, and zeros.
         """
-        world = self.plant.world_frame()
-        p_WF = frame_poses(self._spanning, plant_context)[:, :, 3]
-        jacobians = [
-            self.plant.CalcJacobianSpatialVelocity(
-                plant_context, JacobianWrtVariable.kV, frame, np.zeros(3), world, world
+        world, jacobians = self.plant.world_frame(), []
+        for frame in self._spanning:
+            p_FW = frame.CalcPoseInWorld(plant_context).inverse().translation()
+            jacobians.append(
+                self.plant.CalcJacobianSpatialVelocity(
+                    plant_context, JacobianWrtVariable.kV, frame, p_FW, world, world
+                )
             )
-            for frame in self._spanning
-        ]
-        J = np.array(jacobians)
-        J[:, 3:] += skew(p_WF) @ J[:, :3]
-        screws: FloatArray = J[self._shown_by, :, np.arange(len(self._shown_by))].T
+        screws: FloatArray = np.concatenate(jacobians, axis=1)[:, self._shown]
         return screws
 
     def tip_jacobians(self, plant_context: Context) -> FloatArray:
@@ -144,7 +142,8 @@ class HandKinematics:
         # U and s of J = U s Vᵀ come from J Jᵀ = U s² Uᵀ, which is smaller; Vᵀ tau is s⁻¹ Uᵀ J tau.
         squares, U = np.linalg.eigh(J @ J.swapaxes(1, 2))
         gains = 1 / np.maximum(squares, _LEAST_SHARE**2 * squares[:, -1:])
-        forces: FloatArray = np.einsum("nij,nj,nkj,nk->ni", U, gains, U, J @ actuation)
+        along = U.swapaxes(1, 2) @ (J @ actuation)[:, :, None]
+        forces: FloatArray = (U @ (gains[:, :, None] * along))[:, :, 0]
         return forces
 
 
@@ -334,23 +333,24 @@ class FingertipSensor(LeafSystem):
         declare_output(self, "J_WT", 3 * n * nq, self._calc_jacobians, posed)
 
     def _positions(self, context: Context) -> FloatArray:
-        return validated_numbers(self._state.Eval(context)[: self._hand.num_positions])
+        q: FloatArray = self._state.Eval(context)[: self._hand.num_positions]
+        return q
 
     def _calc_posed(self, context: Context, posed: Context) -> None:
         self._hand.plant.SetPositions(posed, self._positions(context))
 
     def _calc_positions(self, context: Context) -> FloatArray:
-        if np.isnan(self._positions(context)).any():  # Drake aborts the process on NaN.
+        if not are_valid(self._positions(context)):  # Drake aborts the process on NaN.
             return np.full((len(self._hand.tip_frames), 3), np.nan)
         return self._hand.tip_positions(self._posed.Eval(context))
 
     def _calc_jacobians(self, context: Context) -> FloatArray:
-        if np.isnan(self._positions(context)).any():
+        if not are_valid(self._positions(context)):
             return np.full((len(self._hand.tip_frames), 3, self._hand.num_positions), np.nan)
         return self._hand.tip_jacobians(self._posed.Eval(context))
 
     def _calc_forces(self, context: Context) -> FloatArray:
-        actuation = validated_numbers(self._actuation.Eval(context))
-        if np.isnan(actuation).any() or np.isnan(self._positions(context)).any():
+        actuation = self._actuation.Eval(context)
+        if not (are_valid(actuation) and are_valid(self._positions(context))):
             return np.full((len(self._hand.tip_frames), 3), np.nan)
         return self._hand.tip_forces(self._posed.Eval(context), actuation)

@@ -297,7 +297,8 @@ class GraspSequencer(LeafSystem):
     def _tips(self, context: Context) -> FloatArray:
         """Returns the fingertips' centres in G, shape (n, 3), in metres."""
         p_WT = validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
-        p_GT: FloatArray = (self._X_WG.Eval(context).inverse() @ p_WT.T).T
+        X_WG: RigidTransform = self._X_WG.Eval(context)
+        p_GT: FloatArray = (p_WT - X_WG.translation()) @ X_WG.rotation().matrix()
         return p_GT
 
     def _advance(self, context: Context, discrete_state: DiscreteValues) -> None:
