@@ -293,7 +293,11 @@ class FingertipGoalShaper(LeafSystem):
         X_WG, V_WG = self._pose.eval(context), ports.validated_velocity(self._V_WG.Eval(context))
         R_WG = rotation_matrix(V_WG.rotational() * self._lead) @ X_WG.rotation().matrix()
         p_WT = p_GT @ R_WG.T + X_WG.translation() + V_WG.translational() * self._lead
-        return ports.pose_bus(dict(zip(self._tip_frames, map(RigidTransform, p_WT), strict=True)))
+        bus, value = BusValue(), ports.POSE.Clone()
+        for name, p in zip(self._tip_frames, p_WT, strict=True):
+            value.get_mutable_value().set_translation(p)
+            bus.Set(name, value)  # A copy.
+        return bus
 
     def _calc_rates(self, context: Context) -> FloatArray:
         p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)

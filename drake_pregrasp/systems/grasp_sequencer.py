@@ -333,7 +333,7 @@ class GraspSequencer(LeafSystem):
         if after is not state:
             discrete_state.set_value(self._state, after.to_vector())
         self._pose.store(context, discrete_state)
-        if state.phase > GraspPhase.SQUEEZE:
+        if not GraspPhase.CLOSE <= state.phase <= GraspPhase.SQUEEZE:
             return
         discrete_state.set_value(self._last, pack(self._motion.Eval(context)))
         sticks = state.phase == GraspPhase.SQUEEZE

@@ -87,14 +87,15 @@ class _PalmPosture(LeafSystem):
 
     def _p_WL(self, context: Context) -> FloatArray:
         """Returns the position in W of the centre of mass of an object at G, shape (3,)."""
-        p_WL: FloatArray = self._carrier.eval(context) @ self._p_OCoM
+        X_WG = self._carrier.eval(context)
+        p_WL: FloatArray = X_WG.translation() + X_WG.rotation().matrix() @ self._p_OCoM
         return p_WL
 
     def _rates(self, context: Context) -> FloatArray:
         """Returns the velocity of L with G in W, and the rate of turn about z of A, shape (4,)."""
-        p_GL_W = self._carrier.eval(context).rotation() @ self._p_OCoM
+        p_GL_W = self._carrier.eval(context).rotation().matrix() @ self._p_OCoM
         V_WL = ports.validated_velocity(self._V_WG.Eval(context)).Shift(p_GL_W)
-        return np.append(V_WL.translational(), (V_WL.rotational() @ self._R_LA)[2])
+        return np.array([*V_WL.translational(), V_WL.rotational() @ self._R_LA[:, 2]])
 
     def _yaw_toward(
         self, context: Context, yaw: float, ahead: FloatArray | float, *limits: Any
@@ -234,8 +235,7 @@ class CarrierPosture(_PalmPosture):
 
     def _calc_posture(self, context: Context) -> FloatArray:
         rates, posture = self._rates(context), self._home.copy()
-        posture[self._slides] += self._p_WL(context) @ self._R_LA
-        posture[self._slides] += rates[:3] @ self._R_LA * self._lead
+        posture[self._slides] += (self._p_WL(context) + self._lead * rates[:3]) @ self._R_LA
         yaw = self._turned.Eval(context) + rates[3] * self._lead
         low, high = self._yaw_range
         posture[self._turn] = max(low, min(yaw, high))
