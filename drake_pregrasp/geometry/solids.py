@@ -188,7 +188,10 @@ class PlacedSolid(Solid):
 
     def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "PlacedSolid":
         """See `Solid`."""
-        return PlacedSolid(moved_rows(self.row[None], R_GF, p_GF)[0])
+        axes = R_GF @ self.row[3:12].reshape(3, 3)
+        return PlacedSolid(
+            np.concatenate([R_GF @ self.row[:3] + p_GF, axes.ravel(), self.row[12:]])
+        )
 
 
 def moved_rows(rows: FloatArray, R_GF: FloatArray, p_GF: FloatArray) -> FloatArray:

@@ -31,7 +31,7 @@ def _pseudoinverse(J: FloatArray) -> FloatArray:
     """Returns J⁺, in which directions of singular values up to `_DAMPING` are given up."""
     with contextlib.suppress(np.linalg.LinAlgError):
         inverse = np.linalg.inv(J @ J.T)
-        if np.linalg.norm(inverse) < _DAMPING**-2:  # At least the largest 1/s².
+        if np.vdot(inverse, inverse) < _DAMPING**-4:  # Its norm is at least the largest 1/s².
             regular: FloatArray = J.T @ inverse
             return regular
     singular: FloatArray = pinv(J, atol=_DAMPING, rtol=0)
@@ -202,7 +202,7 @@ class DifferentialKinematics(LeafSystem):
     def _calc_placed(self, context: Context, placed: Context) -> None:
         is_held = self._holding(context).any()
         X_WO = self._X_WG.Eval(context) if is_held else self._pose.eval(context)
-        solids = ports.eval_solids(self, self._obstacles, context, np.eye(3), np.zeros(3))
+        solids = ports.eval_solids(self, self._obstacles, context)
         known = [solid for solid in solids if solid is not ANYWHERE]
         self._scene.place(placed, self._q.Eval(context), X_WO, known)
 

@@ -1,5 +1,7 @@
 """Kinematics of a hand's fingertips, and the sensor that measures their poses and forces."""
 
+import contextlib
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -140,10 +142,16 @@ class HandKinematics:
         """
         J = self.tip_jacobians(plant_context) * self._is_own[:, None]
         # U and s of J = U s Vᵀ come from J Jᵀ = U s² Uᵀ, which is smaller; Vᵀ tau is s⁻¹ Uᵀ J tau.
-        squares, U = np.linalg.eigh(J @ J.swapaxes(1, 2))
+        squared, along = J @ J.swapaxes(1, 2), (J @ actuation)[:, :, None]
+        with contextlib.suppress(np.linalg.LinAlgError):
+            inverse = np.linalg.inv(squared)
+            # The product of the norms is at least the largest s0²/s²: nothing is damped.
+            squares = (np.add.reduce(A * A, axis=(1, 2)) for A in (squared, inverse))
+            if (math.prod(squares) < _LEAST_SHARE**-4).all():
+                return (inverse @ along)[:, :, 0]
+        squares, U = np.linalg.eigh(squared)
         gains = 1 / np.maximum(squares, _LEAST_SHARE**2 * squares[:, -1:])
-        along = U.swapaxes(1, 2) @ (J @ actuation)[:, :, None]
-        forces: FloatArray = (U @ (gains[:, :, None] * along))[:, :, 0]
+        forces: FloatArray = (U @ (gains[:, :, None] * (U.swapaxes(1, 2) @ along)))[:, :, 0]
         return forces
 
 

@@ -375,7 +375,7 @@ class GraspSequencer(LeafSystem):
         state: GraspState = self._remembered.Eval(context)
         share = state.force.value(context.get_time())
         if share == 0 and not state.touched.any():
-            return np.zeros_like(state.forces)
+            return np.zeros(state.forces.shape)
         _, nhat = self._contacts(context)
         touch = -self._settings.touch_force * state.touched[:, None] * np.nan_to_num(nhat)
         R_GW = self._motion.Eval(context).R_WG.T

@@ -114,14 +114,13 @@ class JointReference(LeafSystem):
     def _calc_desired(self, context: Context) -> FloatArray:
         q = self._position.Eval(context)
         v = context.get_discrete_state(self._v).value()
-        above, below = q >= self._hand.upper, q <= self._hand.lower
-        is_at_limit = (above & (v > 0)) | (below & (v < 0))
+        room = np.where(v > 0, self._hand.upper - q, q - self._hand.lower)
         if self._forces.HasValue(context) and (f_T_W := self._forces.Eval(context)).any():
             f_T_W = validated_numbers(f_T_W).reshape(-1, 3)
             f_T_W[np.isnan(f_T_W).any(axis=1)] = 0.0
             jacobians = self._hand.tip_jacobians(self._posed.Eval(context))
             q = q + np.einsum("nij,ni->j", jacobians, f_T_W) / self._hand.stiffness
-        v = np.where(is_at_limit, 0.0, v)
+        v = np.where(room > 0, v, 0.0)
         return np.concatenate([self._yielding(context, q, v), v])
 
     def _yielding(self, context: Context, q: FloatArray, v: FloatArray) -> FloatArray:
@@ -132,8 +131,8 @@ class JointReference(LeafSystem):
         """
         if not (self._limits.HasValue(context) and self._state.HasValue(context)):
             return q
-        limits, state = self._limits.Eval(context), self._state.Eval(context)
-        if (limits >= NO_LIMIT).all() or not are_valid(state):
+        limits = self._limits.Eval(context)
+        if (limits >= NO_LIMIT).all() or not are_valid(state := self._state.Eval(context)):
             return q
         limits = np.nan_to_num(validated_numbers(limits), nan=NO_LIMIT)
         hand, (q_now, v_now) = self._hand, state.reshape(2, -1)

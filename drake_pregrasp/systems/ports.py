@@ -38,6 +38,7 @@ BUS = AbstractValue.Make(BusValue())
 """Model value of a port with a `BusValue`."""
 
 NO_OBSTACLES = Obstacles()
+_R_WW, _P_WW = np.eye(3), np.zeros(3)
 
 OBSTACLES = AbstractValue.Make(NO_OBSTACLES)
 """Model value of a port with `Obstacles`."""
@@ -269,9 +270,13 @@ def eval_obstacles(system: LeafSystem, port: InputPort, context: Context) -> Obs
 
 
 def eval_solids(
-    system: LeafSystem, port: InputPort, context: Context, R_GW: FloatArray, p_GW: FloatArray
+    system: LeafSystem,
+    port: InputPort,
+    context: Context,
+    R_GW: FloatArray = _R_WW,
+    p_GW: FloatArray = _P_WW,
 ) -> tuple[Solid, ...]:
-    """Returns the solids of the obstacles at a port, in a frame G (`place_obstacles`)."""
+    """Returns the solids of the obstacles at a port, in a frame G (`place_obstacles`), or in W."""
     solids = eval_obstacles(system, port, context).solids
     return place_obstacles(Obstacles(solids), R_GW, p_GW).solids if solids else ()
 
