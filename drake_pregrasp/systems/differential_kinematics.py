@@ -253,10 +253,12 @@ class DifferentialKinematics(LeafSystem):
         p_WF, V = X_WF[:, :, 3], np.zeros((len(X_WF), 6))
         J = self._moves * screws
         J[:, 3:] -= skew(p_WF) @ J[:, :3]
-        is_goal = self._is_goal & np.array([[X is not None] for X in X_WD])
-        p_WD = np.array(
-            [p if X is None else X.translation() for p, X in zip(p_WF, X_WD, strict=True)]
-        )
+        is_goal, p_WD = self._is_goal.copy(), p_WF.copy()
+        for i, X in enumerate(X_WD):
+            if X is None:
+                is_goal[i] = False
+            else:
+                p_WD[i] = X.translation()
         for i in self._turning:
             if X_WD[i] is not None:
                 V[i] = pose_error(RigidTransform(X_WF[i]), X_WD[i]) / self._period

@@ -144,6 +144,7 @@ class HandScene:
     ) -> None:
         self.diagram, self.hand = diagram, hand
         self._graph = diagram.mutable_scene_graph()
+        self._query = self._graph.get_query_output_port()
         self._source = self._graph.RegisterSource("scene")
         frames = [GeometryFrame("object"), GeometryFrame("obstacles")]
         self._object_frame, self._obstacle_frame = (
@@ -195,7 +196,7 @@ class HandScene:
         poses.set_value(self._object_frame, X_WO)
         poses.set_value(self._obstacle_frame, RigidTransform())
         self._graph.get_source_pose_port(self._source).FixValue(graph, poses)
-        inspector = self._graph.get_query_output_port().Eval(graph).inspector()
+        inspector = self._query.Eval(graph).inspector()
         old = inspector.GetGeometries(self._obstacle_frame, Role.kProximity)
         names = {inspector.GetName(g): g for g in old}
         for index, solid in enumerate(obstacles):
@@ -226,7 +227,7 @@ class HandScene:
             holding: Whether each fingertip holds the object or closes on it, shape (n,): only other
                 fingers are kept clear of it.
         """
-        query = self._graph.get_query_output_port().Eval(self._graph.GetMyContextFromRoot(context))
+        query = self._query.Eval(self._graph.GetMyContextFromRoot(context))
         index, others, links = self._index, len(self._index), len(self._frames)
         found = [
             (a, b, pair.distance, pair.p_ACa if a < links else pair.p_BCb, pair.nhat_BA_W)

@@ -93,8 +93,9 @@ class _PalmPosture(LeafSystem):
 
     def _rates(self, context: Context) -> FloatArray:
         """Returns the velocity of L with G in W, and the rate of turn about z of A, shape (4,)."""
-        p_GL_W = self._carrier.eval(context).rotation().matrix() @ self._p_OCoM
-        V_WL = ports.validated_velocity(self._V_WG.Eval(context)).Shift(p_GL_W)
+        V_WL = ports.validated_velocity(self._V_WG.Eval(context))
+        if self._p_OCoM.any():
+            V_WL = V_WL.Shift(self._carrier.eval(context).rotation().matrix() @ self._p_OCoM)
         return np.array([*V_WL.translational(), V_WL.rotational() @ self._R_LA[:, 2]])
 
     def _yaw_toward(
