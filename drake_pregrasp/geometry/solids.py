@@ -189,9 +189,8 @@ class PlacedSolid(Solid):
     def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "PlacedSolid":
         """See `Solid`."""
         axes = R_GF @ self.row[3:12].reshape(3, 3)
-        return PlacedSolid(
-            np.concatenate([R_GF @ self.row[:3] + p_GF, axes.ravel(), self.row[12:]])
-        )
+        p_GB = R_GF @ self.row[:3] + p_GF
+        return PlacedSolid(np.concatenate([p_GB, axes.ravel(), self.row[12:]]))
 
 
 def moved_rows(rows: FloatArray, R_GF: FloatArray, p_GF: FloatArray) -> FloatArray:

@@ -1,6 +1,5 @@
 """Collision-free positions and paths of fingertips around an object."""
 
-import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -276,12 +275,6 @@ class TipPlaces:
     directions: FloatArray
     withdrawn_radii: FloatArray
 
-    @functools.cached_property
-    def _clearances(self) -> tuple[FloatArray, FloatArray]:
-        """Least distances of tips from other solids, (n,), and from each other, (n, n)."""
-        clearances = self.tip_radii + OTHER_CLEARANCE
-        return clearances, clearances[:, None] + self.tip_radii
-
     def first_contacts(self, p_GT: FloatArray, standoff: float) -> tuple[FloatArray, FloatArray]:
         """Returns contacts in G for which tips do not move, and their normals, each (n, 3).
 
@@ -329,7 +322,7 @@ class TipPlaces:
             obstacles: Solids in G that tips avoid unless they hold the object.
             holding: Whether each tip holds the object, shape (n,).
         """
-        clearances, spacing = self._clearances
+        clearances = self.tip_radii + OTHER_CLEARANCE
         # A holding finger that an obstacle pushes along the object would lose the grasp.
         unless_holding = np.where(holding, -np.inf, clearances) if obstacles else clearances
         least = self.tip_radii + np.minimum(gaps, MOVING_CLEARANCE)
@@ -343,5 +336,5 @@ class TipPlaces:
                 *((solid, clearances) for solid in fixed),
                 *((solid, unless_holding) for solid in obstacles),
             ),
-            spacing=spacing,
+            spacing=clearances[:, None] + self.tip_radii,
         )

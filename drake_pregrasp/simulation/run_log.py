@@ -48,7 +48,7 @@ class CsvLog:
         self.num_rows = 0
         self._flushed = time.monotonic()
         self._path = path
-        self._waiting: deque[Any] = deque()
+        self._waiting: deque[tuple[Any, ...]] = deque()
 
     def __enter__(self) -> Self:
         with writing(self._path):
@@ -66,23 +66,20 @@ class CsvLog:
                 file.seek(start)
                 file.truncate(start + file.read().rfind(b"\n") + 1)
 
-    def write(self, row: Any) -> None:
-        """Adds a row, an array; it is kept in memory for at most a second of computing time."""
+    def write(self, *parts: Any) -> None:
+        """Adds a row of the numbers in all parts; it may stay in memory for a second."""
         self.num_rows += 1
-        self._waiting.append(row)
+        self._waiting.append(parts)
         if time.monotonic() - self._flushed > _FLUSH_PERIOD:
             self._flush()
 
     def _flush(self) -> None:
         with writing(self._path):
             while self._waiting:
-                numbers = self._numbers(self._waiting.popleft()).tolist()
-                self._file.write(",".join(map(repr, numbers)) + "\n")
+                row = np.concatenate(self._waiting.popleft(), axis=None)
+                self._file.write(",".join(map(repr, row.tolist())) + "\n")
             self._file.flush()
         self._flushed = time.monotonic()
-
-    def _numbers(self, row: Any) -> FloatArray:
-        return np.asarray(row)
 
     def read(self, *names: str) -> list[FloatArray]:
         """Returns columns of the closed file.
@@ -212,13 +209,9 @@ class GraspLog(CsvLog):
 
     def append(self, record: GraspRecord) -> None:
         """Adds a tick."""
-        self.write(record)
-
-    def _numbers(self, row: GraspRecord) -> FloatArray:
-        points = (row.p_WT, row.p_GT, row.f_T_W)
-        poses = map(pose_values, (row.X_WG, row.X_WO, row.X_WD))
-        parts: list[Any] = [row.time, row.report, *points, *poses, row.link_forces]
-        return np.concatenate(parts, axis=None)
+        points = (record.p_WT, record.p_GT, record.f_T_W)
+        poses = map(pose_values, (record.X_WG, record.X_WO, record.X_WD))
+        self.write(record.time, record.report, *points, *poses, record.link_forces)
 
     def read_points(self, kind: str) -> FloatArray:
         """Returns vectors of a kind, `tip` in W, `goal` in G or `force` in W, as (ticks, n, 3)."""

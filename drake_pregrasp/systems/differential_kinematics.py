@@ -2,6 +2,7 @@
 
 import contextlib
 from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -24,6 +25,7 @@ _DAMPING = 1e-3  # Singular value of a Jacobian, in metres, below which its dire
 _LIMIT_RATE = 10.0  # Largest ratio of a joint's speed to its distance from a limit, in 1/s.
 _USED = 0.75  # Share of the limit of acceleration that is commanded: drives and clearances add.
 _GUESSES = 5  # Guesses of the active set before the solver is asked.
+_IN_W = np.eye(3), np.zeros(3)  # Rotation and position of W in itself.
 _TOLERANCE = 1e-9  # Violation of a constraint that is rounding, in m/s or rad/s.
 
 
@@ -179,20 +181,14 @@ class DifferentialKinematics(LeafSystem):
         self._obstacles = self.DeclareAbstractInputPort("obstacles", ports.OBSTACLES)
         self._pose = ports.LastPose(self, self._X_WO)
         placing = (self._q, self._X_WG, self._hold, self._obstacles, self._pose.source)
-        words = "the hand and what is around it"
-        self._placed = ports.declare_context(
-            self, words, scene.diagram, self._calc_placed, *placing
-        )
+        words, calc = "the hand and what is around it", self._calc_placed
+        self._placed = ports.declare_context(self, words, scene.diagram, calc, *placing)
         inputs = (self._v, self._posture, self._goals, self._v_WT, self._V_WG, self._V_WO)
-        self._step = ports.declare_cache(
-            self, "velocities", (np.zeros(nq), NOT_HINDERED), self._calc_step, self._placed, *inputs
-        )
-        ports.declare_output(
-            self, "commanded_velocity", nq, lambda c: self._step.Eval(c)[0], self._step
-        )
-        ports.declare_output(
-            self, "hindered_finger", 1, lambda c: self._step.Eval(c)[1], self._step
-        )
+        model, sources = (np.zeros(nq), NOT_HINDERED), (self._placed, *inputs)
+        self._step = step = ports.declare_cache(self, "step", model, self._calc_step, *sources)
+        output = partial(ports.declare_output, self)
+        output("commanded_velocity", nq, lambda context: step.Eval(context)[0], step)
+        output("hindered_finger", 1, lambda context: step.Eval(context)[1], step)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._pose.store)
 
     def _holding(self, context: Context) -> BoolArray:
@@ -202,7 +198,7 @@ class DifferentialKinematics(LeafSystem):
     def _calc_placed(self, context: Context, placed: Context) -> None:
         is_held = self._holding(context).any()
         X_WO = self._X_WG.Eval(context) if is_held else self._pose.eval(context)
-        solids = ports.eval_solids(self, self._obstacles, context)
+        solids = ports.eval_solids(self, self._obstacles, context, *_IN_W)
         known = [solid for solid in solids if solid is not ANYWHERE]
         self._scene.place(placed, self._q.Eval(context), X_WO, known)
 
@@ -253,22 +249,19 @@ class DifferentialKinematics(LeafSystem):
         p_WF, V = X_WF[:, :, 3], np.zeros((len(X_WF), 6))
         J = self._moves * screws
         J[:, 3:] -= skew(p_WF) @ J[:, :3]
-        is_goal, p_WD = self._is_goal.copy(), p_WF.copy()
-        for i, X in enumerate(X_WD):
-            if X is None:
-                is_goal[i] = False
-            else:
-                p_WD[i] = X.translation()
+        is_goal = self._is_goal & np.array([[X is not None] for X in X_WD])
+        p_WD = np.array(
+            [p if X is None else X.translation() for p, X in zip(p_WF, X_WD, strict=True)]
+        )
         for i in self._turning:
             if X_WD[i] is not None:
                 V[i] = pose_error(RigidTransform(X_WF[i]), X_WD[i]) / self._period
         v_goal = np.empty(p_WF.shape)
         v_goal[self._tip_rows] = self._v_WT.Eval(context).reshape(-1, 3)[self._tips]
-        if len(self._others):  # These move with G.
+        if len(rows := self._others):  # These move with G.
             V_WG = ports.validated_velocity(self._V_WG.Eval(context))
-            p_GF_W = p_WF[self._others] - self._X_WG.Eval(context).translation()
-            carried = p_GF_W @ skew(V_WG.rotational()).T
-            v_goal[self._others] = V_WG.translational() + carried
+            p_GF_W = p_WF[rows] - self._X_WG.Eval(context).translation()
+            v_goal[rows] = V_WG.translational() + p_GF_W @ skew(V_WG.rotational()).T
         wanted = (p_WD - p_WF) / self._period - v_goal
         V[:, 3:] = v_goal + self._pace.toward(wanted, J[:, 3:] @ v_last - v_goal)
         return J[is_goal], V[is_goal]

@@ -1,9 +1,8 @@
 """Kinematics of a hand's fingertips, and the sensor that measures their poses and forces."""
 
-import contextlib
-import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from pydrake.geometry import GeometryId, SceneGraphInspector
@@ -11,7 +10,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable, ModelInstanceIndex
 from pydrake.systems.framework import Context, LeafSystem
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray, are_valid
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray, are_valid, validated_numbers
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.grasp_state import BASE
 from drake_pregrasp.systems.ports import declare_context, declare_output
@@ -143,12 +142,10 @@ class HandKinematics:
         J = self.tip_jacobians(plant_context) * self._is_own[:, None]
         # U and s of J = U s Vᵀ come from J Jᵀ = U s² Uᵀ, which is smaller; Vᵀ tau is s⁻¹ Uᵀ J tau.
         squared, along = J @ J.swapaxes(1, 2), (J @ actuation)[:, :, None]
-        with contextlib.suppress(np.linalg.LinAlgError):
-            inverse = np.linalg.inv(squared)
-            # The product of the norms is at least the largest s0²/s²: nothing is damped.
-            squares = (np.add.reduce(A * A, axis=(1, 2)) for A in (squared, inverse))
-            if (math.prod(squares) < _LEAST_SHARE**-4).all():
-                return (inverse @ along)[:, :, 0]
+        # The determinant is at most s² (trace/2)², so nothing is damped if it is large enough.
+        traces = np.einsum("nii->n", squared)
+        if (4 * np.linalg.det(squared) > _LEAST_SHARE**2 * traces**3).all():
+            return np.asarray(np.linalg.solve(squared, along)[:, :, 0])
         squares, U = np.linalg.eigh(squared)
         gains = 1 / np.maximum(squares, _LEAST_SHARE**2 * squares[:, -1:])
         forces: FloatArray = (U @ (gains[:, :, None] * (U.swapaxes(1, 2) @ along)))[:, :, 0]
@@ -330,15 +327,17 @@ class FingertipSensor(LeafSystem):
     def __init__(self, hand: HandKinematics) -> None:
         super().__init__()
         self._hand = hand
-        nq, n = hand.num_positions, len(hand.tip_frames)
+        nq, n = hand.num_positions, 3 * len(hand.tip_frames)
         self._state = self.DeclareVectorInputPort("hand_state", 2 * nq)
         self._actuation = self.DeclareVectorInputPort("net_actuation", nq)
         words = "the hand's plant at the measured positions"
         self._posed = declare_context(self, words, hand.plant, self._calc_posed, self._state)
         posed, actuation = self._posed, self._actuation
-        declare_output(self, "p_WT", 3 * n, self._calc_positions, posed)
-        declare_output(self, "f_T_W", 3 * n, self._calc_forces, posed, actuation)
-        declare_output(self, "J_WT", 3 * n * nq, self._calc_jacobians, posed)
+        positions = partial(self._measured, n, hand.tip_positions)
+        jacobians = partial(self._measured, n * nq, hand.tip_jacobians)
+        declare_output(self, "p_WT", n, positions, posed)
+        declare_output(self, "f_T_W", n, self._calc_forces, posed, actuation)
+        declare_output(self, "J_WT", n * nq, jacobians, posed)
 
     def _positions(self, context: Context) -> FloatArray:
         q: FloatArray = self._state.Eval(context)[: self._hand.num_positions]
@@ -347,18 +346,16 @@ class FingertipSensor(LeafSystem):
     def _calc_posed(self, context: Context, posed: Context) -> None:
         self._hand.plant.SetPositions(posed, self._positions(context))
 
-    def _calc_positions(self, context: Context) -> FloatArray:
+    def _measured(
+        self, size: int, measure: Callable[[Context], FloatArray], context: Context
+    ) -> FloatArray:
         if not are_valid(self._positions(context)):  # Drake aborts the process on NaN.
-            return np.full((len(self._hand.tip_frames), 3), np.nan)
-        return self._hand.tip_positions(self._posed.Eval(context))
-
-    def _calc_jacobians(self, context: Context) -> FloatArray:
-        if not are_valid(self._positions(context)):
-            return np.full((len(self._hand.tip_frames), 3, self._hand.num_positions), np.nan)
-        return self._hand.tip_jacobians(self._posed.Eval(context))
+            return np.full(size, np.nan)
+        return measure(self._posed.Eval(context))
 
     def _calc_forces(self, context: Context) -> FloatArray:
-        actuation = self._actuation.Eval(context)
-        if not (are_valid(actuation) and are_valid(self._positions(context))):
-            return np.full((len(self._hand.tip_frames), 3), np.nan)
-        return self._hand.tip_forces(self._posed.Eval(context), actuation)
+        actuation = validated_numbers(
+            self._actuation.Eval(context)
+        )  # One NaN makes all forces NaN.
+        measure = partial(self._hand.tip_forces, actuation=actuation)
+        return self._measured(3 * len(self._hand.frames), measure, context)

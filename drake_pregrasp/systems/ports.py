@@ -8,6 +8,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import (
+    BasicVector,
     BusValue,
     CacheEntry,
     Context,
@@ -38,7 +39,6 @@ BUS = AbstractValue.Make(BusValue())
 """Model value of a port with a `BusValue`."""
 
 NO_OBSTACLES = Obstacles()
-_R_WW, _P_WW = np.eye(3), np.zeros(3)
 
 OBSTACLES = AbstractValue.Make(NO_OBSTACLES)
 """Model value of a port with `Obstacles`."""
@@ -74,10 +74,8 @@ def copied_inputs(ports: Mapping[str, InputPort], context: Context) -> dict[str,
     Vectors and poses are copies, because Drake overwrites the values of ports later.
     """
     values = {name: port.Eval(context) for name, port in ports.items() if port.HasValue(context)}
-    for name, value in values.items():
-        if isinstance(value, RigidTransform):  # Vectors are copies already.
-            values[name] = RigidTransform(value)
-    return values
+    poses = {name: RigidTransform(X) for name, X in values.items() if type(X) is RigidTransform}
+    return values | poses  # Vectors are copies already.
 
 
 def declare_output(
@@ -94,12 +92,11 @@ def declare_output(
     """
     tickets = _tickets(sources)
     if isinstance(model, int):
-        return system.DeclareVectorOutputPort(
-            name,
-            model,
-            lambda context, output: output.SetFromVector(np.asarray(calc(context)).ravel()),
-            tickets,
-        )
+
+        def emit(context: Context, output: BasicVector) -> None:
+            output.SetFromVector(np.asarray(calc(context)).ravel())
+
+        return system.DeclareVectorOutputPort(name, model, emit, tickets)
     return system.DeclareAbstractOutputPort(name, model.Clone, _setting_value(calc), tickets)
 
 
@@ -270,13 +267,9 @@ def eval_obstacles(system: LeafSystem, port: InputPort, context: Context) -> Obs
 
 
 def eval_solids(
-    system: LeafSystem,
-    port: InputPort,
-    context: Context,
-    R_GW: FloatArray = _R_WW,
-    p_GW: FloatArray = _P_WW,
+    system: LeafSystem, port: InputPort, context: Context, R_GW: FloatArray, p_GW: FloatArray
 ) -> tuple[Solid, ...]:
-    """Returns the solids of the obstacles at a port, in a frame G (`place_obstacles`), or in W."""
+    """Returns the solids of the obstacles at a port, in a frame G (`place_obstacles`)."""
     solids = eval_obstacles(system, port, context).solids
     return place_obstacles(Obstacles(solids), R_GW, p_GW).solids if solids else ()
 

@@ -1,11 +1,12 @@
 """The log of a run is read back as it was written, or says why it cannot be."""
 
+import numpy as np
 import pytest
 
 from drake_pregrasp import load_scenario
 from drake_pregrasp.errors import OutputError
 from drake_pregrasp.simulation.run import LoggedRun
-from drake_pregrasp.simulation.run_log import RunLog
+from drake_pregrasp.simulation.run_log import CsvLog, RunLog
 
 
 def test_columns_are_read_back_to_the_last_digit(tmp_path):
@@ -28,6 +29,19 @@ def test_no_ticks_are_read_from_no_file(tmp_path):
         pass
     (tmp_path / "log.csv").unlink()
     assert [column.shape for column in log.read("time", "c0_x")] == [(0,), (0,)]
+
+
+def test_a_run_that_fails_keeps_its_rows(tmp_path):
+    def fail_after_two_rows():
+        with CsvLog(tmp_path / "log.csv", ["a", "b"]) as log:
+            log.write(np.array([1 / 3, np.nan]))
+            log.write(1e-300, [-0.0])
+            raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        fail_after_two_rows()
+    rows = (tmp_path / "log.csv").read_bytes()
+    assert rows == b"a,b\n0.3333333333333333,nan\n1e-300,-0.0\n"
 
 
 def test_a_log_that_cannot_be_written_says_so(tmp_path):
