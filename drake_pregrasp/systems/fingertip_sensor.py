@@ -143,7 +143,7 @@ class HandKinematics:
         # U and s of J = U s Vᵀ come from J Jᵀ = U s² Uᵀ, which is smaller; Vᵀ tau is s⁻¹ Uᵀ J tau.
         squared, along = J @ J.swapaxes(1, 2), (J @ actuation)[:, :, None]
         # The determinant is at most s² (trace/2)², so nothing is damped if it is large enough.
-        traces = np.einsum("nii->n", squared)
+        traces = squared.trace(axis1=1, axis2=2)
         if (4 * np.linalg.det(squared) > _LEAST_SHARE**2 * traces**3).all():
             return np.asarray(np.linalg.solve(squared, along)[:, :, 0])
         squares, U = np.linalg.eigh(squared)

@@ -237,8 +237,8 @@ class HandScene:
         if not found:
             return Clearances(np.empty((0, screws.shape[1])), np.empty(0), np.empty(0, int))
         A, B, gaps, p_GC, normals = (np.array(values) for values in zip(*found, strict=True))
-        link, is_object = np.where(links > A, A, B), np.maximum(A, B) == links
-        among_fingers = np.maximum(A, B) < links
+        link, other = np.where(links > A, A, B), np.maximum(A, B)
+        is_object, among_fingers = other == links, other < links
         finger, is_tip = self._finger[link], self._is_tip[link]
         alone = np.where(is_tip, TIP_CLEARANCE, LINK_CLEARANCE)
         least_gaps = np.where(among_fingers, FINGER_CLEARANCE, alone)
@@ -260,16 +260,17 @@ class HandScene:
         V_WW = V_WO.Shift(-X_WO.translation())
         drift = np.where(A > B, 1, -1) * is_object * (along @ V_WW.get_coeffs())
         speeds = np.minimum(_RATE * (least_gaps - gaps), _RETREAT) - drift
-        if holding.any():
-            tips = {finger[row]: row for row in np.flatnonzero(is_object & is_tip)}
-            last = is_object & self._is_last[link] & ~is_tip & holding[finger]
-            for row in np.flatnonzero(last):
-                # The fingertip on this link comes first, wherever the object is.
-                if (tip := tips.get(finger[row])) is not None:
-                    lead = gaps[row] - gaps[tip]
-                    rates[row] -= rates[tip]
-                    fastest = min(_RATE * (_TIP_LEAD - lead), 0.0)
-                    speeds[row] = fastest - (drift[row] - drift[tip])
+        if not holding.any():
+            return Clearances(rates, speeds, finger)
+        tips = {finger[row]: row for row in np.flatnonzero(is_object & is_tip)}
+        last = is_object & self._is_last[link] & ~is_tip & holding[finger]
+        for row in np.flatnonzero(last):
+            # The fingertip on this link comes first, wherever the object is.
+            if (tip := tips.get(finger[row])) is not None:
+                lead = gaps[row] - gaps[tip]
+                rates[row] -= rates[tip]
+                fastest = min(_RATE * (_TIP_LEAD - lead), 0.0)
+                speeds[row] = fastest - (drift[row] - drift[tip])
         kept = among_fingers | ~(is_tip & holding[finger])
         return Clearances(rates[kept], speeds[kept], finger[kept])
 
