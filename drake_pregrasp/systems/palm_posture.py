@@ -220,9 +220,8 @@ class CarrierPosture(_PalmPosture):
         stored, inputs = self.xd_ticket(), (self._tip_goals, self._X_WG)
         self._turned = ports.declare_cache(self, "yaw", 0.0, self._calc_yaw, stored, *inputs)
         nq, turned = len(self._home), self._turned
-        ports.declare_output(
-            self, "nominal_posture", nq, self._calc_posture, stored, turned, self._X_WG, self._V_WG
-        )
+        sources = (stored, turned, self._X_WG, self._V_WG)
+        ports.declare_output(self, "nominal_posture", nq, self._calc_posture, *sources)
         self._declare_frames()
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store)
 
@@ -314,10 +313,8 @@ class ArmPosture(_PalmPosture):
         super().__init__(tip_frames, finger_azimuths, yaw_range, period, state, X_LA, p_OCoM)
         self._palm_frame, self._X_GP, self._lead = palm_frame, X_GP, lead
         self._home = np.array(home, dtype=float)
-        inputs = (self._tip_goals, self._X_WG, self._V_WG)
-        self._now = ports.declare_cache(
-            self, "smoothed position", np.zeros(4), self._calc_now, self.xd_ticket(), *inputs
-        )
+        inputs = (self.xd_ticket(), self._tip_goals, self._X_WG, self._V_WG)
+        self._now = ports.declare_cache(self, "place", np.zeros(4), self._calc_now, *inputs)
         ports.declare_output(self, "goals", ports.BUS, self._calc_goals, self._now, *inputs)
         nq, nothing = len(self._home), self.nothing_ticket()
         ports.declare_output(self, "nominal_posture", nq, lambda c: self._home, nothing)
