@@ -92,11 +92,7 @@ def declare_output(
     """
     tickets = _tickets(sources)
     if isinstance(model, int):
-
-        def emit(context: Context, output: BasicVector) -> None:
-            output.SetFromVector(np.asarray(calc(context)).ravel())
-
-        return system.DeclareVectorOutputPort(name, model, emit, tickets)
+        return system.DeclareVectorOutputPort(name, model, _setting_vector(calc), tickets)
     return system.DeclareAbstractOutputPort(name, model.Clone, _setting_value(calc), tickets)
 
 
@@ -141,6 +137,10 @@ def declare_context(
         lambda context, output: calc(context, output.get_mutable_value()),
     )
     return system.DeclareCacheEntry(description, producer, _tickets(sources))
+
+
+def _setting_vector(calc: Callable[[Context], Any]) -> Callable[[Context, BasicVector], None]:
+    return lambda context, output: output.SetFromVector(np.asarray(calc(context)).ravel())
 
 
 def _setting_value(calc: Callable[[Context], Any]) -> Callable[[Context, AbstractValue], None]:
