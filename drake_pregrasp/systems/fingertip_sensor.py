@@ -58,7 +58,7 @@ class HandKinematics:
         self.rate_limit = np.minimum(plant.GetVelocityUpperLimits(), LARGEST_RATE)
         self.acceleration_limit = plant.GetAccelerationUpperLimits()
         moves = np.array([moving_joints(plant, frame) for frame in self.frames])
-        self._is_own: FloatArray = np.where(moves & (np.sum(moves, axis=0) == 1), 1.0, 0.0)
+        self._is_own = moves & (np.sum(moves, axis=0) == 1)
         self._spanning, shown_by = _spanning_frames(plant, self.frames)
         self._shown = shown_by * len(shown_by) + np.arange(len(shown_by))
         for name, own in zip(tip_frames, self._is_own, strict=True):
