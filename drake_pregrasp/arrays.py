@@ -124,15 +124,30 @@ def validated_rates(rates: FloatArray) -> FloatArray:
     Args:
         rates: Rates of any shape, in m/s or rad/s.
     """
-    return rates if (np.abs(rates) <= FARTHEST).all() else np.zeros_like(rates)
+    return rates if are_valid(rates) else np.zeros_like(rates)
+
+
+def are_valid(numbers: FloatArray) -> bool:
+    """Returns whether all numbers are finite and within `FARTHEST`.
+
+    Args:
+        numbers: Numbers of any shape.
+    """
+    # The maximum of numbers with a NaN is NaN, which fails the comparison.
+    largest = np.maximum.reduce(np.abs(numbers), axis=None, initial=0.0)
+    return bool(largest <= FARTHEST)
 
 
 def validated_numbers(numbers: FloatArray) -> FloatArray:
     """Returns numbers with NaN in place of those that are infinite or beyond `FARTHEST`.
 
+    If all are valid, the same array is returned.
+
     Args:
         numbers: Numbers of any shape.
     """
+    if are_valid(numbers):
+        return numbers
     return np.where(np.abs(numbers) <= FARTHEST, numbers, np.nan)
 
 

@@ -1,5 +1,6 @@
 """Assignment of fingers to contacts, and initial contacts."""
 
+import cmath
 import math
 
 import numpy as np
@@ -117,8 +118,8 @@ def palm_turn(
         before: Last yaw, in radians; the result is continuous with it.
         yaw_range: Smallest and largest angle of the palm, in radians.
     """
-    goals = (p_GT[:, 0] + 1j * p_GT[:, 1]) * np.exp(-1j * finger_azimuths)
-    yaw = float(np.angle(np.sum(goals)))
+    goals = zip(p_GT.tolist(), finger_azimuths.tolist(), strict=True)
+    yaw = cmath.phase(sum(complex(x, y) * cmath.rect(1.0, -at) for (x, y, _), at in goals))
     low, high = yaw_range
     return max(low, min(before + math.remainder(yaw - before, 2 * math.pi), high))
 

@@ -188,7 +188,9 @@ class PlacedSolid(Solid):
 
     def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "PlacedSolid":
         """See `Solid`."""
-        return PlacedSolid(moved_rows(self.row[None], R_GF, p_GF)[0])
+        axes = R_GF @ self.row[3:12].reshape(3, 3)
+        p_GB = R_GF @ self.row[:3] + p_GF
+        return PlacedSolid(np.concatenate([p_GB, axes.ravel(), self.row[12:]]))
 
 
 def moved_rows(rows: FloatArray, R_GF: FloatArray, p_GF: FloatArray) -> FloatArray:

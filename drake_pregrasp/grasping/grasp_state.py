@@ -311,8 +311,14 @@ class GraspState:
 
     @staticmethod
     def from_vector(vector: FloatArray) -> "GraspState":
-        """Returns the state from a vector of `to_vector`."""
-        return _unpacker(len(vector))(vector)
+        """Returns the state from a vector of `to_vector`; equal vectors may share a state."""
+        return _unpacked(vector.tobytes())
+
+
+@functools.lru_cache(maxsize=4)  # The state of most ticks is that of the tick before.
+def _unpacked(data: bytes) -> GraspState:
+    vector = np.frombuffer(data)
+    return _unpacker(len(vector))(vector)
 
 
 @functools.cache

@@ -4,7 +4,6 @@
 """
 
 import contextlib
-import csv
 import itertools
 import os
 import time
@@ -49,33 +48,38 @@ class CsvLog:
         self.num_rows = 0
         self._flushed = time.monotonic()
         self._path = path
+        self._waiting: deque[tuple[Any, ...]] = deque()
 
     def __enter__(self) -> Self:
         with writing(self._path):
             self._file = self._path.open("w", encoding="utf-8", newline="")
-            self._writer = csv.writer(self._file, lineterminator="\n")
-            self._writer.writerow(self.columns)
+            self._file.write(",".join(self.columns) + "\n")
         return self
 
     def __exit__(self, *raised: object) -> None:
         try:
-            with writing(self._path):
-                self._file.close()
+            with writing(self._path), self._file:
+                self._flush()
         finally:  # A full disk may truncate the last row.
             with contextlib.suppress(OSError), self._path.open("r+b") as file:
                 start = max(0, file.seek(0, os.SEEK_END) - _LONGEST_ROW)
                 file.seek(start)
                 file.truncate(start + file.read().rfind(b"\n") + 1)
 
-    def write(self, row: FloatArray) -> None:
-        """Adds a row."""
+    def write(self, *parts: Any) -> None:
+        """Adds a row of the numbers in all parts; it may stay in memory for a second."""
         self.num_rows += 1
-        now = time.monotonic()
+        self._waiting.append(parts)
+        if time.monotonic() - self._flushed > _FLUSH_PERIOD:
+            self._flush()
+
+    def _flush(self) -> None:
         with writing(self._path):
-            self._writer.writerow(row.tolist())
-            if now - self._flushed > _FLUSH_PERIOD:
-                self._file.flush()
-                self._flushed = now
+            while self._waiting:
+                row = np.concatenate(self._waiting.popleft(), axis=None)
+                self._file.write(",".join(map(repr, row.tolist())) + "\n")
+            self._file.flush()
+        self._flushed = time.monotonic()
 
     def read(self, *names: str) -> list[FloatArray]:
         """Returns columns of the closed file.
@@ -207,8 +211,7 @@ class GraspLog(CsvLog):
         """Adds a tick."""
         points = (record.p_WT, record.p_GT, record.f_T_W)
         poses = map(pose_values, (record.X_WG, record.X_WO, record.X_WD))
-        parts: list[Any] = [record.time, record.report, *points, *poses, record.link_forces]
-        self.write(np.concatenate(parts, axis=None))
+        self.write(record.time, record.report, *points, *poses, record.link_forces)
 
     def read_points(self, kind: str) -> FloatArray:
         """Returns vectors of a kind, `tip` in W, `goal` in G or `force` in W, as (ticks, n, 3)."""

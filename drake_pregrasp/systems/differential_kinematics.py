@@ -2,6 +2,7 @@
 
 import contextlib
 from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -24,6 +25,7 @@ _DAMPING = 1e-3  # Singular value of a Jacobian, in metres, below which its dire
 _LIMIT_RATE = 10.0  # Largest ratio of a joint's speed to its distance from a limit, in 1/s.
 _USED = 0.75  # Share of the limit of acceleration that is commanded: drives and clearances add.
 _GUESSES = 5  # Guesses of the active set before the solver is asked.
+_IN_W = np.eye(3), np.zeros(3)  # Rotation and position of W in itself.
 _TOLERANCE = 1e-9  # Violation of a constraint that is rounding, in m/s or rad/s.
 
 
@@ -31,7 +33,7 @@ def _pseudoinverse(J: FloatArray) -> FloatArray:
     """Returns J⁺, in which directions of singular values up to `_DAMPING` are given up."""
     with contextlib.suppress(np.linalg.LinAlgError):
         inverse = np.linalg.inv(J @ J.T)
-        if np.linalg.norm(inverse) < _DAMPING**-2:  # At least the largest 1/s².
+        if np.vdot(inverse, inverse) < _DAMPING**-4:  # Its norm is at least the largest 1/s².
             regular: FloatArray = J.T @ inverse
             return regular
     singular: FloatArray = pinv(J, atol=_DAMPING, rtol=0)
@@ -165,6 +167,7 @@ class DifferentialKinematics(LeafSystem):
         self._turning = np.flatnonzero(self._is_goal[:, :3].any(axis=1))  # With a goal of rotation.
         self._tips = [tip for tip, name in enumerate(hand.tip_frames) if name in masks]
         self._tip_rows = [self._names.index(hand.tip_frames[tip]) for tip in self._tips]
+        self._others = np.setdiff1d(np.arange(len(masks)), self._tip_rows)
         self._q = self.DeclareVectorInputPort("position", nq)
         self._v = self.DeclareVectorInputPort("velocity", nq)
         self._posture = self.DeclareVectorInputPort("nominal_posture", nq)
@@ -178,20 +181,14 @@ class DifferentialKinematics(LeafSystem):
         self._obstacles = self.DeclareAbstractInputPort("obstacles", ports.OBSTACLES)
         self._pose = ports.LastPose(self, self._X_WO)
         placing = (self._q, self._X_WG, self._hold, self._obstacles, self._pose.source)
-        words = "the hand and what is around it"
-        self._placed = ports.declare_context(
-            self, words, scene.diagram, self._calc_placed, *placing
-        )
+        words, calc = "the hand and what is around it", self._calc_placed
+        self._placed = ports.declare_context(self, words, scene.diagram, calc, *placing)
         inputs = (self._v, self._posture, self._goals, self._v_WT, self._V_WG, self._V_WO)
-        self._step = ports.declare_cache(
-            self, "velocities", (np.zeros(nq), NOT_HINDERED), self._calc_step, self._placed, *inputs
-        )
-        ports.declare_output(
-            self, "commanded_velocity", nq, lambda c: self._step.Eval(c)[0], self._step
-        )
-        ports.declare_output(
-            self, "hindered_finger", 1, lambda c: self._step.Eval(c)[1], self._step
-        )
+        model, sources = (np.zeros(nq), NOT_HINDERED), (self._placed, *inputs)
+        self._step = step = ports.declare_cache(self, "step", model, self._calc_step, *sources)
+        output = partial(ports.declare_output, self)
+        output("commanded_velocity", nq, lambda context: step.Eval(context)[0], step)
+        output("hindered_finger", 1, lambda context: step.Eval(context)[1], step)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._pose.store)
 
     def _holding(self, context: Context) -> BoolArray:
@@ -201,7 +198,7 @@ class DifferentialKinematics(LeafSystem):
     def _calc_placed(self, context: Context, placed: Context) -> None:
         is_held = self._holding(context).any()
         X_WO = self._X_WG.Eval(context) if is_held else self._pose.eval(context)
-        solids = ports.eval_solids(self, self._obstacles, context, np.eye(3), np.zeros(3))
+        solids = ports.eval_solids(self, self._obstacles, context, *_IN_W)
         known = [solid for solid in solids if solid is not ANYWHERE]
         self._scene.place(placed, self._q.Eval(context), X_WO, known)
 
@@ -217,11 +214,12 @@ class DifferentialKinematics(LeafSystem):
         homeward = self._gain * (self._posture.Eval(context) - q)
         v = homeward + J_plus @ (V - J @ homeward)
         clear = self._scene.clearances(placed, screws, V_WO, holding)
-        A = np.concatenate([self._each, -self._each, clear.rows])
-        b = np.concatenate([least, -most, clear.least])
-        if (A @ v >= b - _TOLERANCE).all():
+        slack = np.concatenate([v - least, most - v, clear.rows @ v - clear.least])
+        if np.minimum.reduce(slack) >= -_TOLERANCE:
             return v, NOT_HINDERED
         # Both costs are zero at the v from above, which is the minimum without constraints.
+        A = np.concatenate([self._each, -self._each, clear.rows])
+        b = np.concatenate([least, -most, clear.least])
         free = self._each - J_plus @ J
         H = _TRACKING_WEIGHT * J.T @ J + free + _DAMPING**2 * self._each
         solution = constrained_velocity(H, v, A, b)
@@ -245,7 +243,6 @@ class DifferentialKinematics(LeafSystem):
         self, context: Context, plant_context: Context, screws: FloatArray, v_last: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Returns J and V: with J v = V, frames go to their goals within limits."""
-        X_WG, V_WG = self._X_WG.Eval(context), ports.validated_velocity(self._V_WG.Eval(context))
         port = f"desired_cartesian_poses of {self.get_name()}"
         X_WD = ports.validated_poses(self._goals.Eval(context), self._names, port)
         X_WF = frame_poses(self._frames, plant_context)
@@ -259,8 +256,12 @@ class DifferentialKinematics(LeafSystem):
         for i in self._turning:
             if X_WD[i] is not None:
                 V[i] = pose_error(RigidTransform(X_WF[i]), X_WD[i]) / self._period
-        v_goal = V_WG.translational() + (p_WF - X_WG.translation()) @ skew(V_WG.rotational()).T
+        v_goal = np.empty(p_WF.shape)
         v_goal[self._tip_rows] = self._v_WT.Eval(context).reshape(-1, 3)[self._tips]
+        if len(rows := self._others):  # These move with G.
+            V_WG = ports.validated_velocity(self._V_WG.Eval(context))
+            p_GF_W = p_WF[rows] - self._X_WG.Eval(context).translation()
+            v_goal[rows] = V_WG.translational() + p_GF_W @ skew(V_WG.rotational()).T
         wanted = (p_WD - p_WF) / self._period - v_goal
         V[:, 3:] = v_goal + self._pace.toward(wanted, J[:, 3:] @ v_last - v_goal)
         return J[is_goal], V[is_goal]

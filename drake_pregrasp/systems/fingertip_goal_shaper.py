@@ -199,13 +199,12 @@ class FingertipGoalShaper(LeafSystem):
         self._tracking_status = self.DeclareVectorInputPort("tracking_status", 1)
         self._pose = ports.LastPose(self, self._X_WG)
         tips, pose = self.discrete_state_ticket(self._tips), self._pose.source
-        ports.declare_output(
-            self, "tip_goals", ports.BUS, self._calc_tip_goals, tips, pose, self._V_WG
-        )
+        sources = (tips, pose, self._V_WG)
+        ports.declare_output(self, "tip_goals", ports.BUS, self._calc_tip_goals, *sources)
         self.DeclareStateOutputPort("contact_frames", self._contacts)
         self.DeclareStateOutputPort("p_GT", self._tips)
         rates = self.discrete_state_ticket(self._rates)
-        ports.declare_output(self, "v_WT", 3 * n, self._calc_rates, tips, rates, pose, self._V_WG)
+        ports.declare_output(self, "v_WT", 3 * n, self._calc_rates, rates, *sources)
         self.DeclarePeriodicDiscreteUpdateEvent(target_period, 0.0, self._sample_targets)
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._update)
 
@@ -293,7 +292,11 @@ class FingertipGoalShaper(LeafSystem):
         X_WG, V_WG = self._pose.eval(context), ports.validated_velocity(self._V_WG.Eval(context))
         R_WG = rotation_matrix(V_WG.rotational() * self._lead) @ X_WG.rotation().matrix()
         p_WT = p_GT @ R_WG.T + X_WG.translation() + V_WG.translational() * self._lead
-        return ports.pose_bus(dict(zip(self._tip_frames, map(RigidTransform, p_WT), strict=True)))
+        bus, pose = BusValue(), ports.POSE.Clone()
+        for name, p in zip(self._tip_frames, p_WT, strict=True):
+            pose.get_mutable_value().set_translation(p)
+            bus.Set(name, pose)  # A copy.
+        return bus
 
     def _calc_rates(self, context: Context) -> FloatArray:
         p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)

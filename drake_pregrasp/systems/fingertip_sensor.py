@@ -1,7 +1,8 @@
 """Kinematics of a hand's fingertips, and the sensor that measures their poses and forces."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from pydrake.geometry import GeometryId, SceneGraphInspector
@@ -9,10 +10,9 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable, ModelInstanceIndex
 from pydrake.systems.framework import Context, LeafSystem
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray, validated_numbers
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray, are_valid, validated_numbers
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.grasp_state import BASE
-from drake_pregrasp.quality.grasp_quality import skew
 from drake_pregrasp.systems.ports import declare_context, declare_output
 
 LARGEST_RATE = 10.0
@@ -59,7 +59,8 @@ class HandKinematics:
         self.acceleration_limit = plant.GetAccelerationUpperLimits()
         moves = np.array([moving_joints(plant, frame) for frame in self.frames])
         self._is_own = moves & (np.sum(moves, axis=0) == 1)
-        self._spanning, self._shown_by = _spanning_frames(plant, self.frames)
+        self._spanning, shown_by = _spanning_frames(plant, self.frames)
+        self._shown = shown_by * len(shown_by) + np.arange(len(shown_by))
         for name, own in zip(tip_frames, self._is_own, strict=True):
             if np.sum(own) < _FORCE_DIRECTIONS:
                 raise InvalidArgumentError(
@@ -103,17 +104,15 @@ class HandKinematics:
         Column j is the spatial velocity, at the origin of W, of all that joint j moves, per unit
         rate. The Jacobian of a body has the columns of the joints that move it, and zeros.
         """
-        world = self.plant.world_frame()
-        p_WF = frame_poses(self._spanning, plant_context)[:, :, 3]
-        jacobians = [
-            self.plant.CalcJacobianSpatialVelocity(
-                plant_context, JacobianWrtVariable.kV, frame, np.zeros(3), world, world
+        world, jacobians = self.plant.world_frame(), []
+        for frame in self._spanning:
+            p_FW = frame.CalcPoseInWorld(plant_context).inverse().translation()
+            jacobians.append(
+                self.plant.CalcJacobianSpatialVelocity(
+                    plant_context, JacobianWrtVariable.kV, frame, p_FW, world, world
+                )
             )
-            for frame in self._spanning
-        ]
-        J = np.array(jacobians)
-        J[:, 3:] += skew(p_WF) @ J[:, :3]
-        screws: FloatArray = J[self._shown_by, :, np.arange(len(self._shown_by))].T
+        screws: FloatArray = np.concatenate(jacobians, axis=1)[:, self._shown]
         return screws
 
     def tip_jacobians(self, plant_context: Context) -> FloatArray:
@@ -142,9 +141,14 @@ class HandKinematics:
         """
         J = self.tip_jacobians(plant_context) * self._is_own[:, None]
         # U and s of J = U s Vᵀ come from J Jᵀ = U s² Uᵀ, which is smaller; Vᵀ tau is s⁻¹ Uᵀ J tau.
-        squares, U = np.linalg.eigh(J @ J.swapaxes(1, 2))
+        squared, along = J @ J.swapaxes(1, 2), (J @ actuation)[:, :, None]
+        # The determinant is at most s² (trace/2)², so nothing is damped if it is large enough.
+        traces = squared.trace(axis1=1, axis2=2)
+        if (4 * np.linalg.det(squared) > _LEAST_SHARE**2 * traces**3).all():
+            return np.asarray(np.linalg.solve(squared, along)[:, :, 0])
+        squares, U = np.linalg.eigh(squared)
         gains = 1 / np.maximum(squares, _LEAST_SHARE**2 * squares[:, -1:])
-        forces: FloatArray = np.einsum("nij,nj,nkj,nk->ni", U, gains, U, J @ actuation)
+        forces: FloatArray = (U @ (gains[:, :, None] * (U.swapaxes(1, 2) @ along)))[:, :, 0]
         return forces
 
 
@@ -323,34 +327,35 @@ class FingertipSensor(LeafSystem):
     def __init__(self, hand: HandKinematics) -> None:
         super().__init__()
         self._hand = hand
-        nq, n = hand.num_positions, len(hand.tip_frames)
+        nq, n = hand.num_positions, 3 * len(hand.tip_frames)
         self._state = self.DeclareVectorInputPort("hand_state", 2 * nq)
         self._actuation = self.DeclareVectorInputPort("net_actuation", nq)
         words = "the hand's plant at the measured positions"
         self._posed = declare_context(self, words, hand.plant, self._calc_posed, self._state)
         posed, actuation = self._posed, self._actuation
-        declare_output(self, "p_WT", 3 * n, self._calc_positions, posed)
-        declare_output(self, "f_T_W", 3 * n, self._calc_forces, posed, actuation)
-        declare_output(self, "J_WT", 3 * n * nq, self._calc_jacobians, posed)
+        positions = partial(self._measured, n, hand.tip_positions)
+        jacobians = partial(self._measured, n * nq, hand.tip_jacobians)
+        declare_output(self, "p_WT", n, positions, posed)
+        declare_output(self, "f_T_W", n, self._calc_forces, posed, actuation)
+        declare_output(self, "J_WT", n * nq, jacobians, posed)
 
     def _positions(self, context: Context) -> FloatArray:
-        return validated_numbers(self._state.Eval(context)[: self._hand.num_positions])
+        q: FloatArray = self._state.Eval(context)[: self._hand.num_positions]
+        return q
 
     def _calc_posed(self, context: Context, posed: Context) -> None:
         self._hand.plant.SetPositions(posed, self._positions(context))
 
-    def _calc_positions(self, context: Context) -> FloatArray:
-        if np.isnan(self._positions(context)).any():  # Drake aborts the process on NaN.
-            return np.full((len(self._hand.tip_frames), 3), np.nan)
-        return self._hand.tip_positions(self._posed.Eval(context))
-
-    def _calc_jacobians(self, context: Context) -> FloatArray:
-        if np.isnan(self._positions(context)).any():
-            return np.full((len(self._hand.tip_frames), 3, self._hand.num_positions), np.nan)
-        return self._hand.tip_jacobians(self._posed.Eval(context))
+    def _measured(
+        self, size: int, measure: Callable[[Context], FloatArray], context: Context
+    ) -> FloatArray:
+        if not are_valid(self._positions(context)):  # Drake aborts the process on NaN.
+            return np.full(size, np.nan)
+        return measure(self._posed.Eval(context))
 
     def _calc_forces(self, context: Context) -> FloatArray:
-        actuation = validated_numbers(self._actuation.Eval(context))
-        if np.isnan(actuation).any() or np.isnan(self._positions(context)).any():
-            return np.full((len(self._hand.tip_frames), 3), np.nan)
-        return self._hand.tip_forces(self._posed.Eval(context), actuation)
+        actuation = validated_numbers(
+            self._actuation.Eval(context)
+        )  # One NaN makes all forces NaN.
+        measure = partial(self._hand.tip_forces, actuation=actuation)
+        return self._measured(3 * len(self._hand.frames), measure, context)

@@ -185,41 +185,21 @@ class GraspSequencer(LeafSystem):
         self._hindered = self.DeclareVectorInputPort("hindered_finger", 1)
         self._pose = ports.LastPose(self, self._X_WO, tracking_status)
         stored, time = self.xd_ticket(), self.time_ticket()
-        self._remembered = state = ports.declare_cache(
-            self, "state of the grasp", first, self._calc_remembered, stored
-        )
-        self._held = held = ports.declare_cache(
-            self, "motion of the held object", _AT_REST, self._calc_held, time, stored, self._p_WT
-        )
-        self._motion = motion = ports.declare_cache(
-            self,
-            "motion of G, without its height",
-            _AT_REST,
-            self._calc_motion,
-            held,
-            self._pose.source,
-            self._V_WO,
-        )
-        self._X_WG = ports.declare_output(self, "X_WG", ports.POSE, self._calc_X_WG, motion)
-        ports.declare_output(self, "V_WG", ports.VELOCITY, self._calc_V_WG, motion)
-        ports.declare_output(self, "standoffs", n, lambda c: state.Eval(c).standoffs, state)
-        ports.declare_output(
-            self, "hold_contacts", 1, lambda c: state.Eval(c).holds_contacts, state
-        )
-        ports.declare_output(
-            self,
-            "fingers_hold",
-            n,
-            lambda c: state.Eval(c).fingers_hold(c.get_time()).astype(float),
-            state,
-            time,
-        )
-        ports.declare_output(
-            self, "squeeze_forces", 3 * n, self._calc_forces, time, stored, motion, self._frames
-        )
-        ports.declare_output(self, "grasp_report", 4, self._calc_report, state)
-        ports.declare_output(self, "V_WO_held", 7, self._calc_V_WO_held, held)
-        ports.declare_output(self, "force_limits", n, self._calc_force_limits, state, time)
+        cache, output = partial(ports.declare_cache, self), partial(ports.declare_output, self)
+        self._remembered = state = cache("state", first, self._calc_remembered, stored)
+        sources = (time, stored, self._p_WT)
+        self._held = held = cache("motion of the held O", _AT_REST, self._calc_held, *sources)
+        sources = (held, self._pose.source, self._V_WO)
+        self._motion = motion = cache("level motion of G", _AT_REST, self._calc_motion, *sources)
+        self._X_WG = output("X_WG", ports.POSE, self._calc_X_WG, motion)
+        output("V_WG", ports.VELOCITY, self._calc_V_WG, motion)
+        output("standoffs", n, lambda c: state.Eval(c).standoffs, state)
+        output("hold_contacts", 1, lambda c: state.Eval(c).holds_contacts, state)
+        output("fingers_hold", n, self._calc_fingers_hold, state, time)
+        output("squeeze_forces", 3 * n, self._calc_forces, time, stored, motion, self._frames)
+        output("grasp_report", 4, self._calc_report, state)
+        output("V_WO_held", 7, self._calc_V_WO_held, held)
+        output("force_limits", n, self._calc_force_limits, state, time)
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._advance)
 
     def _calc_remembered(self, context: Context) -> GraspState:
@@ -278,6 +258,10 @@ class GraspSequencer(LeafSystem):
             return np.zeros(7)
         return np.append(1.0, self._rising(context, self._held.Eval(context).V_WG).get_coeffs())
 
+    def _calc_fingers_hold(self, context: Context) -> FloatArray:
+        state: GraspState = self._remembered.Eval(context)
+        return state.fingers_hold(context.get_time()).astype(float)
+
     def _calc_force_limits(self, context: Context) -> FloatArray:
         state: GraspState = self._remembered.Eval(context)
         return state.force_limits(context.get_time(), self._settings.touch_force)
@@ -297,7 +281,8 @@ class GraspSequencer(LeafSystem):
     def _tips(self, context: Context) -> FloatArray:
         """Returns the fingertips' centres in G, shape (n, 3), in metres."""
         p_WT = validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
-        p_GT: FloatArray = (self._X_WG.Eval(context).inverse() @ p_WT.T).T
+        X_WG: RigidTransform = self._X_WG.Eval(context)
+        p_GT: FloatArray = (p_WT - X_WG.translation()) @ X_WG.rotation().matrix()
         return p_GT
 
     def _advance(self, context: Context, discrete_state: DiscreteValues) -> None:
@@ -332,7 +317,7 @@ class GraspSequencer(LeafSystem):
         if after is not state:
             discrete_state.set_value(self._state, after.to_vector())
         self._pose.store(context, discrete_state)
-        if state.phase > GraspPhase.SQUEEZE:
+        if not GraspPhase.CLOSE <= state.phase <= GraspPhase.SQUEEZE:
             return
         discrete_state.set_value(self._last, pack(self._motion.Eval(context)))
         sticks = state.phase == GraspPhase.SQUEEZE
@@ -374,7 +359,7 @@ class GraspSequencer(LeafSystem):
         state: GraspState = self._remembered.Eval(context)
         share = state.force.value(context.get_time())
         if share == 0 and not state.touched.any():
-            return np.zeros_like(state.forces)
+            return np.zeros(state.forces.shape)
         _, nhat = self._contacts(context)
         touch = -self._settings.touch_force * state.touched[:, None] * np.nan_to_num(nhat)
         R_GW = self._motion.Eval(context).R_WG.T

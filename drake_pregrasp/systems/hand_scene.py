@@ -144,6 +144,7 @@ class HandScene:
     ) -> None:
         self.diagram, self.hand = diagram, hand
         self._graph = diagram.mutable_scene_graph()
+        self._query = self._graph.get_query_output_port()
         self._source = self._graph.RegisterSource("scene")
         frames = [GeometryFrame("object"), GeometryFrame("obstacles")]
         self._object_frame, self._obstacle_frame = (
@@ -195,7 +196,7 @@ class HandScene:
         poses.set_value(self._object_frame, X_WO)
         poses.set_value(self._obstacle_frame, RigidTransform())
         self._graph.get_source_pose_port(self._source).FixValue(graph, poses)
-        inspector = self._graph.get_query_output_port().Eval(graph).inspector()
+        inspector = self._query.Eval(graph).inspector()
         old = inspector.GetGeometries(self._obstacle_frame, Role.kProximity)
         names = {inspector.GetName(g): g for g in old}
         for index, solid in enumerate(obstacles):
@@ -226,7 +227,7 @@ class HandScene:
             holding: Whether each fingertip holds the object or closes on it, shape (n,): only other
                 fingers are kept clear of it.
         """
-        query = self._graph.get_query_output_port().Eval(self._graph.GetMyContextFromRoot(context))
+        query = self._query.Eval(self._graph.GetMyContextFromRoot(context))
         index, others, links = self._index, len(self._index), len(self._frames)
         found = [
             (a, b, pair.distance, pair.p_ACa if a < links else pair.p_BCb, pair.nhat_BA_W)
@@ -236,8 +237,8 @@ class HandScene:
         if not found:
             return Clearances(np.empty((0, screws.shape[1])), np.empty(0), np.empty(0, int))
         A, B, gaps, p_GC, normals = (np.array(values) for values in zip(*found, strict=True))
-        link, is_object = np.where(links > A, A, B), np.maximum(A, B) == links
-        among_fingers = np.maximum(A, B) < links
+        link, other = np.where(links > A, A, B), np.maximum(A, B)
+        is_object, among_fingers = other == links, other < links
         finger, is_tip = self._finger[link], self._is_tip[link]
         alone = np.where(is_tip, TIP_CLEARANCE, LINK_CLEARANCE)
         least_gaps = np.where(among_fingers, FINGER_CLEARANCE, alone)
@@ -259,16 +260,17 @@ class HandScene:
         V_WW = V_WO.Shift(-X_WO.translation())
         drift = np.where(A > B, 1, -1) * is_object * (along @ V_WW.get_coeffs())
         speeds = np.minimum(_RATE * (least_gaps - gaps), _RETREAT) - drift
-        if holding.any():
-            tips = {finger[row]: row for row in np.flatnonzero(is_object & is_tip)}
-            last = is_object & self._is_last[link] & ~is_tip & holding[finger]
-            for row in np.flatnonzero(last):
-                # The fingertip on this link comes first, wherever the object is.
-                if (tip := tips.get(finger[row])) is not None:
-                    lead = gaps[row] - gaps[tip]
-                    rates[row] -= rates[tip]
-                    fastest = min(_RATE * (_TIP_LEAD - lead), 0.0)
-                    speeds[row] = fastest - (drift[row] - drift[tip])
+        if not holding.any():
+            return Clearances(rates, speeds, finger)
+        tips = {finger[row]: row for row in np.flatnonzero(is_object & is_tip)}
+        last = is_object & self._is_last[link] & ~is_tip & holding[finger]
+        for row in np.flatnonzero(last):
+            # The fingertip on this link comes first, wherever the object is.
+            if (tip := tips.get(finger[row])) is not None:
+                lead = gaps[row] - gaps[tip]
+                rates[row] -= rates[tip]
+                fastest = min(_RATE * (_TIP_LEAD - lead), 0.0)
+                speeds[row] = fastest - (drift[row] - drift[tip])
         kept = among_fingers | ~(is_tip & holding[finger])
         return Clearances(rates[kept], speeds[kept], finger[kept])
 

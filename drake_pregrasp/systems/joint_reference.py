@@ -3,7 +3,7 @@
 import numpy as np
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-from drake_pregrasp.arrays import FloatArray, validated_numbers
+from drake_pregrasp.arrays import FloatArray, are_valid, validated_numbers, validated_rates
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.grasp_state import NO_LIMIT
 from drake_pregrasp.systems.fingertip_sensor import LARGEST_RATE, HandKinematics
@@ -102,9 +102,7 @@ class JointReference(LeafSystem):
         return reference
 
     def _sample(self, context: Context, discrete_state: DiscreteValues) -> None:
-        v = validated_numbers(self._commanded.Eval(context))
-        if np.isnan(v).any():
-            v = np.zeros_like(v)
+        v = validated_rates(self._commanded.Eval(context))
         discrete_state.set_value(self._start, [context.get_time()])
         discrete_state.set_value(self._q, self._position.Eval(context))
         discrete_state.set_value(self._v_last, context.get_discrete_state(self._v).value())
@@ -116,15 +114,13 @@ class JointReference(LeafSystem):
     def _calc_desired(self, context: Context) -> FloatArray:
         q = self._position.Eval(context)
         v = context.get_discrete_state(self._v).value()
-        above, below = q >= self._hand.upper, q <= self._hand.lower
-        is_at_limit = (above & (v > 0)) | (below & (v < 0))
-        if self._forces.HasValue(context):
-            f_T_W = validated_numbers(self._forces.Eval(context)).reshape(-1, 3)
+        room = np.where(v > 0, self._hand.upper - q, q - self._hand.lower)
+        if self._forces.HasValue(context) and (f_T_W := self._forces.Eval(context)).any():
+            f_T_W = validated_numbers(f_T_W).reshape(-1, 3)
             f_T_W[np.isnan(f_T_W).any(axis=1)] = 0.0
-            if f_T_W.any():
-                jacobians = self._hand.tip_jacobians(self._posed.Eval(context))
-                q = q + np.einsum("nij,ni->j", jacobians, f_T_W) / self._hand.stiffness
-        v = np.where(is_at_limit, 0.0, v)
+            jacobians = self._hand.tip_jacobians(self._posed.Eval(context))
+            q = q + np.einsum("nij,ni->j", jacobians, f_T_W) / self._hand.stiffness
+        v = np.where(room > 0, v, 0.0)
         return np.concatenate([self._yielding(context, q, v), v])
 
     def _yielding(self, context: Context, q: FloatArray, v: FloatArray) -> FloatArray:
@@ -135,11 +131,10 @@ class JointReference(LeafSystem):
         """
         if not (self._limits.HasValue(context) and self._state.HasValue(context)):
             return q
-        limits = validated_numbers(self._limits.Eval(context))
-        limits = np.where(np.isnan(limits), NO_LIMIT, limits)
-        state = validated_numbers(self._state.Eval(context))
-        if (limits >= NO_LIMIT).all() or np.isnan(state).any():
+        limits = self._limits.Eval(context)
+        if (limits >= NO_LIMIT).all() or not are_valid(state := self._state.Eval(context)):
             return q
+        limits = np.nan_to_num(validated_numbers(limits), nan=NO_LIMIT)
         hand, (q_now, v_now) = self._hand, state.reshape(2, -1)
         elapsed = context.get_time() - context.get_discrete_state(self._start)[0]
         # Joints do not know a new velocity before their first time step with it.

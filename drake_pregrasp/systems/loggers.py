@@ -206,7 +206,7 @@ class GraspLogger(LeafSystem):
 
     def _log(self, context: Context) -> EventStatus:
         values = copied_inputs(self._inputs, context)
-        values.setdefault("f_T_W", np.zeros_like(values["p_WT"]))
+        values.setdefault("f_T_W", np.zeros(len(values["p_WT"])))
         points = {name: values.pop(name).reshape(-1, 3) for name in ("p_WT", "p_GT", "f_T_W")}
         report = values.pop("grasp_report")
         self._sink(GraspRecord(time=context.get_time(), report=report, **points, **values))

@@ -87,14 +87,16 @@ class _PalmPosture(LeafSystem):
 
     def _p_WL(self, context: Context) -> FloatArray:
         """Returns the position in W of the centre of mass of an object at G, shape (3,)."""
-        p_WL: FloatArray = self._carrier.eval(context) @ self._p_OCoM
+        X_WG = self._carrier.eval(context)
+        p_WL: FloatArray = X_WG.translation() + X_WG.rotation().matrix() @ self._p_OCoM
         return p_WL
 
     def _rates(self, context: Context) -> FloatArray:
         """Returns the velocity of L with G in W, and the rate of turn about z of A, shape (4,)."""
-        p_GL_W = self._carrier.eval(context).rotation() @ self._p_OCoM
-        V_WL = ports.validated_velocity(self._V_WG.Eval(context)).Shift(p_GL_W)
-        return np.append(V_WL.translational(), (V_WL.rotational() @ self._R_LA)[2])
+        V_WL = ports.validated_velocity(self._V_WG.Eval(context))
+        if self._p_OCoM.any():
+            V_WL = V_WL.Shift(self._carrier.eval(context).rotation().matrix() @ self._p_OCoM)
+        return np.array([*V_WL.translational(), V_WL.rotational() @ self._R_LA[:, 2]])
 
     def _yaw_toward(
         self, context: Context, yaw: float, ahead: FloatArray | float, *limits: Any
@@ -218,9 +220,8 @@ class CarrierPosture(_PalmPosture):
         stored, inputs = self.xd_ticket(), (self._tip_goals, self._X_WG)
         self._turned = ports.declare_cache(self, "yaw", 0.0, self._calc_yaw, stored, *inputs)
         nq, turned = len(self._home), self._turned
-        ports.declare_output(
-            self, "nominal_posture", nq, self._calc_posture, stored, turned, self._X_WG, self._V_WG
-        )
+        sources = (stored, turned, self._X_WG, self._V_WG)
+        ports.declare_output(self, "nominal_posture", nq, self._calc_posture, *sources)
         self._declare_frames()
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store)
 
@@ -234,8 +235,7 @@ class CarrierPosture(_PalmPosture):
 
     def _calc_posture(self, context: Context) -> FloatArray:
         rates, posture = self._rates(context), self._home.copy()
-        posture[self._slides] += self._p_WL(context) @ self._R_LA
-        posture[self._slides] += rates[:3] @ self._R_LA * self._lead
+        posture[self._slides] += (self._p_WL(context) + self._lead * rates[:3]) @ self._R_LA
         yaw = self._turned.Eval(context) + rates[3] * self._lead
         low, high = self._yaw_range
         posture[self._turn] = max(low, min(yaw, high))
@@ -313,10 +313,8 @@ class ArmPosture(_PalmPosture):
         super().__init__(tip_frames, finger_azimuths, yaw_range, period, state, X_LA, p_OCoM)
         self._palm_frame, self._X_GP, self._lead = palm_frame, X_GP, lead
         self._home = np.array(home, dtype=float)
-        inputs = (self._tip_goals, self._X_WG, self._V_WG)
-        self._now = ports.declare_cache(
-            self, "smoothed position", np.zeros(4), self._calc_now, self.xd_ticket(), *inputs
-        )
+        inputs = (self.xd_ticket(), self._tip_goals, self._X_WG, self._V_WG)
+        self._now = ports.declare_cache(self, "place", np.zeros(4), self._calc_now, *inputs)
         ports.declare_output(self, "goals", ports.BUS, self._calc_goals, self._now, *inputs)
         nq, nothing = len(self._home), self.nothing_ticket()
         ports.declare_output(self, "nominal_posture", nq, lambda c: self._home, nothing)

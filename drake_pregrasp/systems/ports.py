@@ -8,6 +8,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import (
+    BasicVector,
     BusValue,
     CacheEntry,
     Context,
@@ -73,8 +74,8 @@ def copied_inputs(ports: Mapping[str, InputPort], context: Context) -> dict[str,
     Vectors and poses are copies, because Drake overwrites the values of ports later.
     """
     values = {name: port.Eval(context) for name, port in ports.items() if port.HasValue(context)}
-    copies = {np.ndarray: np.copy, RigidTransform: RigidTransform}
-    return {name: copies.get(type(value), lambda v: v)(value) for name, value in values.items()}
+    poses = {name: RigidTransform(X) for name, X in values.items() if type(X) is RigidTransform}
+    return values | poses  # Vectors are copies already.
 
 
 def declare_output(
@@ -91,12 +92,7 @@ def declare_output(
     """
     tickets = _tickets(sources)
     if isinstance(model, int):
-        return system.DeclareVectorOutputPort(
-            name,
-            model,
-            lambda context, output: output.SetFromVector(np.asarray(calc(context)).ravel()),
-            tickets,
-        )
+        return system.DeclareVectorOutputPort(name, model, _setting_vector(calc), tickets)
     return system.DeclareAbstractOutputPort(name, model.Clone, _setting_value(calc), tickets)
 
 
@@ -141,6 +137,10 @@ def declare_context(
         lambda context, output: calc(context, output.get_mutable_value()),
     )
     return system.DeclareCacheEntry(description, producer, _tickets(sources))
+
+
+def _setting_vector(calc: Callable[[Context], Any]) -> Callable[[Context, BasicVector], None]:
+    return lambda context, output: output.SetFromVector(np.asarray(calc(context)).ravel())
 
 
 def _setting_value(calc: Callable[[Context], Any]) -> Callable[[Context, AbstractValue], None]:

@@ -61,10 +61,10 @@ class BodyPose(LeafSystem):
         held = self.DeclareDiscreteState(np.append(-1.0, np.eye(3, 4)))
 
         def pose(context: Context) -> RigidTransform:
-            step, *X_WB = context.get_discrete_state(held).value()
-            if step != tick_index(context.get_time(), time_step):
+            stored = context.get_discrete_state(held).value()
+            if stored[0] != tick_index(context.get_time(), time_step):
                 return poses.Eval(context)[index]
-            return RigidTransform(np.reshape(X_WB, (3, 4)))
+            return RigidTransform(stored[1:].reshape(3, 4))
 
         def hold(context: Context, discrete_state: DiscreteValues) -> None:
             step = tick_index(context.get_time(), time_step)
