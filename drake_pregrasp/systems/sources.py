@@ -61,10 +61,10 @@ class BodyPose(LeafSystem):
         held = self.DeclareDiscreteState(np.append(-1.0, np.eye(3, 4)))
 
         def pose(context: Context) -> RigidTransform:
-            step, *X_WB = context.get_discrete_state(held).value()
-            if step != tick_index(context.get_time(), time_step):
+            stored = context.get_discrete_state(held).value()
+            if stored[0] != tick_index(context.get_time(), time_step):
                 return poses.Eval(context)[index]
-            return RigidTransform(np.reshape(X_WB, (3, 4)))
+            return RigidTransform(stored[1:].reshape(3, 4))
 
         def hold(context: Context, discrete_state: DiscreteValues) -> None:
             step = tick_index(context.get_time(), time_step)
@@ -280,11 +280,10 @@ class MovingObstacles(LeafSystem):
 
     def __init__(self, obstacles: Sequence[MovingSolid], *, lookahead: float = 0.0) -> None:
         super().__init__()
-        self._lookahead, self._moving = lookahead, tuple(obstacles)
-        self._velocities = np.array([m.velocity for m in obstacles]).reshape(-1, 3)
+        self._lookahead = lookahead
+        velocities = np.array([m.velocity for m in obstacles]).reshape(-1, 3)
+        self._start = Obstacles(tuple(m.solid for m in obstacles), velocities=velocities)
         declare_output(self, "obstacles", OBSTACLES, self._calc_obstacles, self.time_ticket())
 
     def _calc_obstacles(self, context: Context) -> Obstacles:
-        time = context.get_time() + self._lookahead
-        solids = tuple(moving.at(time) for moving in self._moving)
-        return Obstacles(solids, velocities=self._velocities)
+        return self._start.after(context.get_time() + self._lookahead)
