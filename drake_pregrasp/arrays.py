@@ -159,7 +159,7 @@ def validated_weights(contact_weights: FloatArray) -> FloatArray:
     Args:
         contact_weights: Weights h_i, shape (n,), in m².
     """
-    validated = contact_weights.clip(-LARGEST_WEIGHT, LARGEST_WEIGHT)
+    validated = np.minimum(np.maximum(contact_weights, -LARGEST_WEIGHT), LARGEST_WEIGHT)
     validated[~(contact_weights > -np.inf)] = -np.inf
     return validated
 

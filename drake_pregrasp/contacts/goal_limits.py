@@ -157,7 +157,7 @@ def tip_gaps(
     """
     centres = p_OC + tip_radii[:, None] * nhat_OC
     gaps: FloatArray = norms(centres[:, None] - centres) - tip_radii[:, None] - tip_radii - gap
-    np.fill_diagonal(gaps, np.inf)
+    gaps.flat[:: len(gaps) + 1] = np.inf
     return gaps
 
 
@@ -232,8 +232,8 @@ def limited_goals(
     may_stay = np.zeros(len(goals), dtype=bool)
     if limits.deadband > 0 or limits.guard is not None:
         may_stay = hold_contacts(selection).active
-    stays = may_stay & (np.linalg.norm(goals - p_OC, axis=1) < limits.deadband)
-    goals[stays] = p_OC[stays]
+        stays = may_stay & (np.linalg.norm(goals - p_OC, axis=1) < limits.deadband)
+        goals[stays] = p_OC[stays]
     if np.isfinite(limits.max_step):
         goals = steps_toward(surface, p_OC, goals, limits.max_step)
     if pairs:

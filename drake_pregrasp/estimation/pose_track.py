@@ -182,6 +182,8 @@ class PoseTrack:
             V_held: Present twist, shape (2, 3), as the attribute; NaN if none is known.
             time: Time at which the twist changed, in seconds.
         """
+        if V_held.tobytes() == self.V_held.tobytes():  # Also if both are unknown.
+            return self
         dV, after = V_held - self.V_held, replace(self, V_held=V_held)
         if np.any(np.isnan(dV)) or not np.any(dV) or self.newest.time == -math.inf:
             return after

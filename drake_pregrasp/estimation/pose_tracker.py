@@ -66,7 +66,7 @@ def update_track(
     if time == -math.inf or is_known:
         return replace(track, verdict=MeasurementVerdict.NOTHING_NEW)
     is_recent = now - OLDEST <= time <= now + _SLACK
-    X = np.column_stack([measurement.R_WO, measurement.p_WCoM])
+    X = np.concatenate([measurement.R_WO, measurement.p_WCoM[:, None]], axis=1)
     if not (is_recent and is_valid_pose(X)):
         return replace(track, verdict=MeasurementVerdict.UNUSABLE)
     recent = np.concatenate([track.recent[1:], track.recent[:1]])
@@ -125,11 +125,11 @@ def update_track(
     # With noise, successive innovations differ, with the covariance 2 S. With a motion that the
     # filter does not expect, they are similar.
     change = new.nu - track.last_innovation
-    shares = np.einsum("ki,ki->k", change, change) / np.einsum("kii->k", new.S)
-    level = min(1.0, sum(shares.tolist()) / 4)
+    trace = new.S[:, 0, 0] + new.S[:, 1, 1] + new.S[:, 2, 2]
+    level = min(1.0, sum((np.add.reduce(change * change, axis=1) / trace).tolist()) / 4)
     confirmed = track.confirmed + 1
     refused = 0 if confirmed >= settings.reacquire_after else max(0, track.refused - 1)
-    return replace(
+    after = replace(
         track,
         **statistics,
         steps=np.concatenate([before, steps])[-len(track.steps) :],
@@ -142,6 +142,9 @@ def update_track(
         noise_level=(1 - _FORGETTING) * track.noise_level + _FORGETTING * level,
         verdict=MeasurementVerdict.USED,
     )
+    if len(steps) == 1:
+        vars(after)["newest"] = posterior  # Fills the cached property.
+    return after
 
 
 def _moves(belief: PoseBelief) -> bool:

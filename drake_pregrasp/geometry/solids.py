@@ -245,8 +245,8 @@ def nearest_solids(rows: FloatArray, p_FP: FloatArray) -> tuple[FloatArray, Floa
     # Of faces at the same distance, the last one counts.
     nearest_face = _I[2 - beyond[..., ::-1].argmax(axis=2)]
     toward = np.where(lengths[..., None] > 0, outside, nearest_face)
-    toward[above < below] *= -1.0
     toward /= norms(toward)[..., None]
+    np.negative(toward, out=toward, where=above < below)
     distances = lengths + np.minimum(np.maximum.reduce(beyond, axis=2), 0) - rows[:, 18:19]
     return distances, toward @ R_FB.transpose(0, 2, 1)
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import FloatArray, norms
 from drake_pregrasp.errors import InvalidArgumentError
 
 CONTACT_MODELS = ("complete", "hard_finger", "soft_finger", "frictionless")
@@ -185,7 +185,7 @@ def grasp_quality(
     blocks = G.reshape(_WRENCH_SIZE, len(p_CoMC), -1)
     blocks = (blocks[:, :, :3] if model == "complete" else blocks).copy()
     # Their torques are divided by the longest lever arm, so that ranks do not depend on units.
-    longest = max(float(np.sqrt((p_CoMC**2).sum(axis=1).max())), np.finfo(float).tiny)
+    longest = max(float(norms(p_CoMC).max()), np.finfo(float).tiny)
     blocks[3:, :, :3] *= length / longest
     H = blocks.reshape(_WRENCH_SIZE, -1)
     rank = np.count_nonzero(np.linalg.svd(H, compute_uv=False) > _RANK_TOLERANCE)

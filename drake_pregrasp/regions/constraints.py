@@ -2,9 +2,10 @@
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -21,6 +22,8 @@ NO_CAUSE = -1
 """Cause of a limit that no contact and no obstacle causes."""
 
 _ABOVE = 1 + 1e-9  # A search with this share more than a distance misses nothing by rounding.
+
+_I = np.eye(3)
 
 OPPOSITE = -0.5
 """Cosine between outward normals below which they count as opposite: 120 degrees."""
@@ -71,20 +74,23 @@ class Obstacles:
     velocities: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
     def __post_init__(self) -> None:
-        if self.velocities.shape not in ((0, 3), (len(self.solids), 3)):
+        velocities, points, count = self.velocities, self.points, len(self.solids)
+        if (shape := velocities.shape) not in ((0, 3), (count, 3)):
             raise InvalidArgumentError(
-                f"velocities must be none or have shape ({len(self.solids)}, 3), one a solid, not"
-                f" {self.velocities.shape}"
+                f"velocities must be none or have shape ({count}, 3), one a solid, not {shape}"
             )
-        for name, numbers in (
-            ("points", self.points.points),
-            ("radii", self.points.radii),
-            ("velocities", self.velocities),
-        ):
+        named = {"points": points.points, "radii": points.radii, "velocities": velocities}
+        for name, numbers in named.items():
             if numbers.size and not np.isfinite(numbers).all():
                 raise InvalidArgumentError(
                     f"{name} of obstacles must be finite, not {numbers.tolist()}"
                 )
+
+    @staticmethod
+    def known(**attributes: Any) -> "Obstacles":
+        """Returns obstacles with attributes that need no check; `rows` among them is not made."""
+        vars(obstacles := object.__new__(Obstacles)).update(attributes)
+        return obstacles
 
     @cached_property
     def rows(self) -> FloatArray:
@@ -93,11 +99,11 @@ class Obstacles:
 
     def after(self, seconds: float) -> "Obstacles":
         """Returns the obstacles at their places some seconds later."""
-        if not np.any(self.velocities):
-            return self
-        shifts = seconds * self.velocities
-        moved = zip(self.solids, shifts, strict=True)
-        return replace(self, solids=tuple(solid.moved(np.eye(3), shift) for solid, shift in moved))
+        shifts, solids, rows = seconds * self.velocities, list(self.solids), self.rows.copy()
+        for index in np.flatnonzero(shifts.any(axis=1)):
+            solids[index] = solids[index].moved(_I, shifts[index])
+            rows[index, :3] += shifts[index]
+        return Obstacles.known(**vars(self) | {"solids": tuple(solids), "rows": rows})
 
     def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "Obstacles":
         """Returns the obstacles expressed in a frame G in which F has the given pose."""
@@ -301,14 +307,14 @@ class RegionConstraints:
 
     def _make_predicates(self, num_contacts: int) -> Predicates:
         rows = np.zeros((num_contacts, CLOSED.stop))
-        rows[:, REACH_SOLID.start : SECTOR.stop] = UNLIMITED
+        own = rows[:, REACH_SOLID.start : SECTOR.stop]
+        own[:] = UNLIMITED
         if len(self.tip_radii):
             rows[:, RADIUS] = self.tip_radii
-        for row, reach in zip(rows, self.reach, strict=False):
+        for row, reach in zip(own, self.reach, strict=False):
             if reach is not None:
-                row[REACH_SOLID.start : SECTOR.stop] = reach.row
+                row[:] = reach.row
         if self.reach_pose is not None and any(self.reach):
-            own = rows[:, REACH_SOLID.start : SECTOR.stop]
             own[:] = moved_reaches(own, *self.reach_pose)
         for row, areas in zip(rows, self.closed, strict=False):
             for area in areas:

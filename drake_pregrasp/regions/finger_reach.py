@@ -137,9 +137,7 @@ def reached(
 
 def moved_reaches(rows: FloatArray, R_GF: FloatArray, p_GF: FloatArray) -> FloatArray:
     """Returns rows for `reached` expressed in a frame G, shape (n, 33); see `FingerReach.moved`."""
-    moved = rows.copy()
-    moved[:, :19] = moved_rows(rows[:, :19], R_GF, p_GF)
     sectors = rows[:, 19:31].reshape(-1, 4, 3) @ R_GF.T
     sectors[:, 0] += p_GF
-    moved[:, 19:31] = sectors.reshape(-1, 12)
-    return moved
+    parts = moved_rows(rows[:, :19], R_GF, p_GF), sectors.reshape(-1, 12), rows[:, 31:]
+    return np.concatenate(parts, axis=1)

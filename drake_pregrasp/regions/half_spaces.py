@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from drake_pregrasp.arrays import FloatArray, IntArray, norms
 from drake_pregrasp.geometry.solids import nearest_solids
-from drake_pregrasp.regions.constraints import OPPOSITE, Limit
+from drake_pregrasp.regions.constraints import NO_CAUSE, OPPOSITE, Limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,14 +28,23 @@ class HalfSpaces:
     causes: IntArray
 
 
+@lru_cache(maxsize=64)
+def counted(limit: Limit, count: int, first: int = 0) -> tuple[IntArray, IntArray]:
+    """Returns the `limits` and `causes` of half-spaces of one limit with causes that count up.
+
+    Args:
+        limit: The limit.
+        count: Number of half-spaces.
+        first: Cause of the first one; or `NO_CAUSE` for all.
+    """
+    causes = np.full(count, NO_CAUSE) if first == NO_CAUSE else first + np.arange(count)
+    return np.full(count, int(limit)), causes
+
+
 def joined(parts: Sequence[HalfSpaces]) -> HalfSpaces:
     """Returns the union of several sets of half-spaces of the same contacts."""
-    return HalfSpaces(
-        np.concatenate([part.normals for part in parts], axis=1),
-        np.concatenate([part.bounds for part in parts], axis=1),
-        np.concatenate([part.limits for part in parts]),
-        np.concatenate([part.causes for part in parts]),
-    )
+    arrays = zip(*(vars(part).values() for part in parts), strict=True)
+    return HalfSpaces(*(np.concatenate(own, axis=min(own[0].ndim - 1, 1)) for own in arrays))
 
 
 def solid_half_spaces(c: FloatArray, solids: FloatArray, margins: FloatArray) -> HalfSpaces:
@@ -52,8 +62,7 @@ def solid_half_spaces(c: FloatArray, solids: FloatArray, margins: FloatArray) ->
     distances, gradients = nearest_solids(solids, c[:, :3])
     normals = np.zeros((len(c), len(solids), c.shape[1]))
     normals[:, :, :3] = -gradients.swapaxes(0, 1)
-    limits = np.full(len(solids), int(Limit.OBSTACLE))
-    return HalfSpaces(normals, (distances - margins).T, limits, np.arange(len(solids)))
+    return HalfSpaces(normals, (distances - margins).T, *counted(Limit.OBSTACLE, len(solids)))
 
 
 def neighbour_half_spaces(
@@ -81,9 +90,5 @@ def neighbour_half_spaces(
         needs_room &= nhat_OC @ nhat_OC.T >= OPPOSITE
     h = np.where(is_there, h, 0.0)
     bounds = (d**2 + h[:, None] - h) / 2 - d * setbacks[:, None]
-    return HalfSpaces(
-        normals,
-        np.where(needs_room, bounds, np.inf),
-        np.full(len(c), int(Limit.CROWDED)),
-        np.arange(len(c)),
-    )
+    bounds = np.where(needs_room, bounds, np.inf)
+    return HalfSpaces(normals, bounds, *counted(Limit.CROWDED, len(c)))

@@ -37,7 +37,7 @@ def obstacles_at_times(
         p_GF: Position of F in G at each time, shape (t, 3), in metres.
         seconds: Seconds from now to each time, shape (t,).
     """
-    rows = np.repeat(obstacles.rows[None], len(seconds), axis=0)
+    rows, points = np.repeat(obstacles.rows[None], len(seconds), axis=0), obstacles.points
     with np.errstate(all="ignore"):  # Results that are not finite are replaced.
         if len(obstacles.velocities):
             rows[:, :, :3] += seconds[:, None, None] * obstacles.velocities
@@ -45,14 +45,14 @@ def obstacles_at_times(
         numbers_are_known = ~np.isnan(rows)  # Bounds may be infinite.
         numbers_are_known[:, :, :12] = np.abs(rows[:, :, :12]) <= FARTHEST
         known: BoolArray = np.logical_and.reduce(numbers_are_known, axis=2)
-        rows[~known] = ANYWHERE.rounded_box()
-        points = [_placed_points(obstacles.points, *pose) for pose in zip(R_GF, p_GF, strict=True)]
-    placed = []
-    for own, sound, at_time in zip(rows, known, points, strict=True):
+        if not known.all():
+            rows[~known] = ANYWHERE.rounded_box()
+        at_times = [_placed_points(points, *pose) for pose in zip(R_GF, p_GF, strict=True)]
+    placed, still = [], obstacles.velocities[:0]
+    for own, sound, at_time in zip(rows, known.tolist(), at_times, strict=True):
         pairs = zip(own, sound, strict=True)
         solids = tuple(PlacedSolid(row) if is_known else ANYWHERE for row, is_known in pairs)
-        placed.append(Obstacles(solids, at_time))
-        vars(placed[-1])["rows"] = own  # Fills the cached property.
+        placed.append(Obstacles.known(solids=solids, points=at_time, velocities=still, rows=own))
     return placed
 
 

@@ -24,6 +24,7 @@ from drake_pregrasp.regions.constraints import (
 )
 from drake_pregrasp.regions.half_spaces import (
     HalfSpaces,
+    counted,
     joined,
     neighbour_half_spaces,
     solid_half_spaces,
@@ -278,8 +279,7 @@ def point_half_spaces(
         by_axis = np.pad(by_axis, ((0, 0), (0, c.shape[1] - size), (0, 0)))
     d = np.sqrt(np.add.reduce(by_axis * by_axis, axis=1))
     bounds = d * (d - points.radii - margins)
-    causes = np.full(m, NO_CAUSE) if first_cause == NO_CAUSE else first_cause + np.arange(m)
-    return HalfSpaces(by_axis.swapaxes(1, 2), bounds, np.full(m, int(limit)), causes)
+    return HalfSpaces(by_axis.swapaxes(1, 2), bounds, *counted(limit, m, first_cause))
 
 
 def _limit_of_region(

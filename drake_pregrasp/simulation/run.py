@@ -157,7 +157,7 @@ class LoggedRun:
         on_tick: Function that is called with each planning tick.
 
     Attributes:
-        story: Story of the run.
+        story: Story of the run, for its recording.
         log: Log of the planning ticks.
         grasp_log: Log of the control ticks; None without a hand.
         surface: Surface of the object.
@@ -194,14 +194,16 @@ class LoggedRun:
             if mcap_log is not None:
                 named = dict(zip(log.columns, row.tolist(), strict=True))
                 mcap_log.append(named, record.regions.labels)
-            story.add_tick(record)
+            if meshcat is not None:
+                story.add_tick(record)
             if on_tick is not None:
                 on_tick(record)
 
         def add_grasp(record: GraspRecord) -> None:
             assert grasp_log is not None
             grasp_log.append(record)
-            story.add_grasp(record)
+            if meshcat is not None:
+                story.add_grasp(record)
 
         self.diagram = make_diagram(
             scenario,

@@ -181,13 +181,11 @@ def _row(record: TickRecord, previous: TickRecord, error: FloatArray) -> FloatAr
     squares = np.sum((record.p_WC - previous.p_WC)[moved] ** 2, axis=1)
     energy = squares.sum() / (2 * dt**2) if dt > 0 else 0.0
     displacement, yaw = np.sqrt(squares).sum(), RollPitchYaw(record.X_WO.rotation()).yaw_angle()
-    contacts = (record.p_WC.ravel(), active, record.grasp_quality, displacement, energy)
-    true, estimated = pose_values(record.X_WO), pose_values(record.X_WO_estimated)
-    poses = (true, yaw, estimated, np.sqrt(error @ error))
-    states = (record.contact_status, record.contact_causes)
-    tracking = (record.tracking_status, record.time_since_measurement)
-    sizes = record.regions.sizes()
-    return np.hstack([record.time, *contacts, sizes, *poses, *states, *tracking])
+    parts: list[Any] = [record.time, record.p_WC, active, record.grasp_quality, displacement]
+    parts += [energy, record.regions.sizes(), pose_values(record.X_WO), yaw]
+    parts += [pose_values(record.X_WO_estimated), np.sqrt(error @ error), record.contact_status]
+    parts += [record.contact_causes, record.tracking_status, record.time_since_measurement]
+    return np.concatenate(parts, axis=None)
 
 
 def pose_values(X: RigidTransform) -> FloatArray:

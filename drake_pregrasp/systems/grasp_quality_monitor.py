@@ -1,6 +1,5 @@
 """Quality of the grasp that the contact goals would make."""
 
-from dataclasses import astuple
 from typing import Any
 
 from pydrake.common.containers import namedview
@@ -79,7 +78,7 @@ class GraspQualityMonitor(LeafSystem):
         size, inputs = len(GraspQuality.names()), self.all_input_ports_ticket()
         declare_output(self, "grasp_quality", size, self._calc_quality, inputs)
 
-    def _calc_quality(self, context: Context) -> tuple[float, ...]:
+    def _calc_quality(self, context: Context) -> FloatArray:
         p_WC: FloatArray = self._p_WC.Eval(context).reshape(-1, 3)
         X_WO: RigidTransform = self._X_WO.Eval(context)
         counts = are_valid_points(p_WC)
@@ -89,10 +88,6 @@ class GraspQualityMonitor(LeafSystem):
             counts[:] = False
             X_WO = RigidTransform()
         p_OC: FloatArray = (X_WO.inverse() @ p_WC[counts].T).T
-        nhat_OC = None
-        if self._contact_model in NEED_NORMALS:
-            _, nhat_OC = self._surface.project(p_OC)
-        quality = grasp_quality(
-            p_OC - self._surface.p_OCoM, nhat_OC, model=self._contact_model, length=self._length
-        )
-        return astuple(quality)
+        r, model = p_OC - self._surface.p_OCoM, self._contact_model
+        nhat_OC = self._surface.project(p_OC)[1] if model in NEED_NORMALS else None
+        return grasp_quality(r, nhat_OC, model=model, length=self._length).to_vector()

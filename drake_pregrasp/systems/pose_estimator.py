@@ -147,16 +147,13 @@ class PoseEstimator(LeafSystem):
         self._measurement_time = self.DeclareVectorInputPort("measurement_time", 1)
         self._V_WO_held = self.DeclareVectorInputPort("V_WO_held", 7)
         time = self.time_ticket()
-        self._stored_track = stored_track = declare_cache(
-            self, "stored track", self._no_track, self._calc_stored_track, self.xd_ticket()
-        )
         self._track = track = declare_cache(
             self,
             "track at the Context's last tick",
             self._no_track,
             self._calc_track,
             time,
-            stored_track,
+            self.xd_ticket(),
             self.all_input_ports_ticket(),
         )
         self._estimate = estimate = declare_cache(
@@ -179,14 +176,11 @@ class PoseEstimator(LeafSystem):
         )
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store_track)
 
-    def _calc_stored_track(self, context: Context) -> PoseTrack:
-        vector, (known, track) = context.get_discrete_state(self._track_index).value(), self._last
-        return track if vector.tobytes() == known else self._unpack(vector)
-
     def _calc_track(self, context: Context) -> PoseTrack:
         time = context.get_time()
         stored_time = context.get_discrete_state(self._time_index)[0]
-        track: PoseTrack = self._stored_track.Eval(context)
+        vector, (known, track) = context.get_discrete_state(self._track_index).value(), self._last
+        track = track if vector.tobytes() == known else self._unpack(vector)
         if tick_index(time, self._period) == tick_index(stored_time, self._period):
             return track
         X_WO: RigidTransform = self._X_WO_measured.Eval(context)
@@ -204,10 +198,10 @@ class PoseEstimator(LeafSystem):
 
     def _twist(self, context: Context, track: PoseTrack) -> FloatArray:
         """Returns the present twist of the held object, at its centre of mass, or NaN."""
-        V_WO = validated_numbers(self._V_WO_held.Eval(context))
-        if not V_WO[0] > 0:
+        V_WO: FloatArray = self._V_WO_held.Eval(context)
+        if not 0 < V_WO[0] <= FARTHEST:
             return _UNKNOWN
-        w_WO, v_WO = V_WO[1:].reshape(2, 3)
+        w_WO, v_WO = validated_numbers(V_WO[1:]).reshape(2, 3)
         return np.array([w_WO, v_WO + skew(w_WO) @ (track.newest.R_WO @ self._p_OCoM)])
 
     def _store_track(self, context: Context, discrete_state: DiscreteValues) -> None:
@@ -227,7 +221,7 @@ class PoseEstimator(LeafSystem):
             status = TrackingStatus.COASTING
         if self._V_WO_held.HasValue(context):
             dV = self._twist(context, track) - track.V_held
-            if not np.any(np.isnan(dV)):
+            if not np.isnan(dV.sum()):
                 last_tick = self._period * tick_index(time, self._period)
                 newest = pose_filter.boosted(newest, dV, (last_tick + time) / 2)
         if status == TrackingStatus.LOST:  # The pose stays where it was lost.
@@ -256,8 +250,10 @@ class PoseEstimator(LeafSystem):
         status, belief = self._estimate.Eval(context)
         if status not in FOLLOWED:
             return SpatialVelocity.Zero()
-        p_CoMO_W = -(belief.R_WO @ self._p_OCoM)
-        return SpatialVelocity(w=belief.w_WO, v=belief.v_WCoM + skew(belief.w_WO) @ p_CoMO_W)
+        w_WO, v_WO = belief.w_WO, belief.v_WCoM
+        if (p_OCoM := self._settings.p_OCoM) is not None:
+            v_WO = v_WO - skew(w_WO) @ (belief.R_WO @ p_OCoM)
+        return SpatialVelocity(w=w_WO, v=v_WO)
 
     def _calc_covariance(self, context: Context) -> FloatArray:
         status, belief = self._estimate.Eval(context)

@@ -13,6 +13,7 @@ from drake_pregrasp.arrays import (
     BoolArray,
     FloatArray,
     are_valid_points,
+    validated_rates,
     validated_weights,
 )
 from drake_pregrasp.config.deprecated_keywords import config_with
@@ -301,10 +302,10 @@ class SafeRegionPartitioner(LeafSystem):
         self, context: Context, X_WO: RigidTransform
     ) -> tuple[FloatArray, FloatArray]:
         """Returns the poses of W in the predicted frames O, shapes (t, 3, 3) and (t, 3)."""
-        R_WO, p_WO = X_WO.rotation().matrix()[None], X_WO.translation()[None]
-        if len(self._moments) > 1 and self._V_WO.HasValue(context):
-            V_WO = ports.validated_velocity(self._V_WO.Eval(context))
-            turns = [rotation_matrix(V_WO.rotational() * t) for t in self._moments.tolist()]
-            R_WO, p_WO = turns @ R_WO, p_WO + self._moments[:, None] * V_WO.translational()
-        R_OW = np.broadcast_to(R_WO.transpose(0, 2, 1), (len(self._moments), 3, 3))
+        (w, v), port = np.zeros((2, 3)), self._V_WO
+        if len(self._moments) > 1 and port.HasValue(context):
+            w, v = validated_rates(port.Eval(context).get_coeffs()).reshape(2, 3)
+        back = np.array([rotation_matrix(-w * t) for t in self._moments.tolist()])
+        R_OW = X_WO.rotation().matrix().T @ back
+        p_WO = X_WO.translation() + self._moments[:, None] * v
         return R_OW, -(R_OW @ p_WO[:, :, None])[:, :, 0]

@@ -280,11 +280,10 @@ class MovingObstacles(LeafSystem):
 
     def __init__(self, obstacles: Sequence[MovingSolid], *, lookahead: float = 0.0) -> None:
         super().__init__()
-        self._lookahead, self._moving = lookahead, tuple(obstacles)
-        self._velocities = np.array([m.velocity for m in obstacles]).reshape(-1, 3)
+        self._lookahead = lookahead
+        velocities = np.array([m.velocity for m in obstacles]).reshape(-1, 3)
+        self._start = Obstacles(tuple(m.solid for m in obstacles), velocities=velocities)
         declare_output(self, "obstacles", OBSTACLES, self._calc_obstacles, self.time_ticket())
 
     def _calc_obstacles(self, context: Context) -> Obstacles:
-        time = context.get_time() + self._lookahead
-        solids = tuple(moving.at(time) for moving in self._moving)
-        return Obstacles(solids, velocities=self._velocities)
+        return self._start.after(context.get_time() + self._lookahead)

@@ -135,6 +135,8 @@ def test_obstacles_move_steadily_without_turning_and_tell_where_they_will_be(tim
         s.moved(np.eye(3), (time + 0.1) * v) for s, v in zip(SOLIDS, VELOCITIES, strict=True)
     ]
     assert_same_solids(emitted(ahead, time).solids, expected)
+    rows = [solid.rounded_box() for solid in expected]
+    np.testing.assert_allclose(emitted(ahead, time).rows, rows, atol=1e-12)
     assert_same_solids(emitted(ahead, 0.0).after(time).solids, expected)
     R, p = X_WO.rotation().matrix(), X_WO.translation()
     moved = emitted(ahead, 0.0).moved(R, p).after(time)
@@ -160,6 +162,9 @@ def test_noise_holds_for_a_period_and_then_changes():
     np.testing.assert_array_equal(emitted(source, 0.15), emitted(source, 3 * 0.05))
     np.testing.assert_array_equal(emitted(source, 0.15), emitted(source, 0.1999))
     assert np.all(emitted(source, 0.15) != emitted(source, 0.2))
+    for tick in (0, 7, 8, 1000):  # Each tick has a generator of its own.
+        expected = np.random.default_rng((3, tick)).standard_normal(4)
+        np.testing.assert_array_equal(emitted(source, 0.05 * tick), expected)
 
 
 def test_noise_is_a_function_of_the_seed_which_a_context_may_set():
