@@ -35,6 +35,7 @@ class Blocks:
         nhat: Outward unit normals at the candidates, shape (N, 3).
 
     Attributes:
+        points: The candidate points as given.
         q: Candidates in the order of the blocks, shape (d, N), in metres.
         nhat: Their outward unit normals, shape (3, N).
         order: Index of the candidate at each place of the blocks, shape (N,).
@@ -45,6 +46,7 @@ class Blocks:
 
     def __init__(self, q: FloatArray, nhat: FloatArray) -> None:
         blocks = compact_blocks(q)
+        self.points = q
         self.order: IntArray = np.concatenate(blocks)
         self.starts = np.cumsum([0, *map(len, blocks)])
         q, nhat = q[self.order], nhat[self.order]

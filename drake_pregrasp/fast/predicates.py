@@ -103,7 +103,7 @@ def finger_measures_of(finger, hand, tip, nhat):  # type: ignore[no-untyped-def]
 
 
 @compiled()
-def limits_of_block(i, contact, q, nhat, start, stop, shared, near, out):  # type: ignore[no-untyped-def]
+def limits_of_block(i, contact, q, nhat, start, stop, shared, near, out, gaps):  # type: ignore[no-untyped-def]
     """Writes the limit and cause of points for one contact, as `Predicates.limits_at`.
 
     Loops run over many points without branches, so that the compiler makes vector instructions.
@@ -117,9 +117,10 @@ def limits_of_block(i, contact, q, nhat, start, stop, shared, near, out):  # typ
         stop: End of the points.
         shared: What the contacts share; see `shared_arrays`.
         near: Indices of the solids and of the obstacle points to be tested, ascending.
-        out: Limits and causes, which are written, and memory for a number of each point.
+        out: Limits and causes, which are written, shape (2, stop - start) or more.
+        gaps: Memory for a number of each point.
     """
-    (solids, points, clearance, standoff, hand), (limits, causes, gaps) = shared, out
+    (solids, points, clearance, standoff, hand), limits, causes = shared, out[0], out[1]
     x, y, z, size = q[0, start:stop], q[1, start:stop], q[2, start:stop], stop - start
     nx, ny, nz = nhat[0, start:stop], nhat[1, start:stop], nhat[2, start:stop]
     limits[:size], causes[:size] = _NONE, NO_CAUSE
@@ -175,7 +176,7 @@ def limits_of_block(i, contact, q, nhat, start, stop, shared, near, out):  # typ
 
 
 @compiled()
-def near_obstacles(contact, box, shared, lists, gaps):  # type: ignore[no-untyped-def]
+def near_obstacles(contact, box, d, shared, lists, gaps):  # type: ignore[no-untyped-def]
     """Returns the indices of solids and obstacle points that tips may touch from a box of points.
 
     Distances change no faster than points. Tips that touch points of the box are near the tip that
@@ -183,12 +184,14 @@ def near_obstacles(contact, box, shared, lists, gaps):  # type: ignore[no-untype
 
     Args:
         contact: Row of the contact.
-        box: Midpoint of the points (3), of their normals (3), and the radii of both.
+        box: Row of the block in `Blocks.boxes`.
+        d: Number of coordinates of the points.
         shared: What the contacts share; see `shared_arrays`.
         lists: Memory for the indices of all solids, and for those of all obstacle points.
         gaps: Memory for a number of each point.
     """
-    (x, y, z, nx, ny, nz, size, turn), (solids, points, clearance, standoff, _) = box, shared
+    x, y, z, nx, ny, nz = box[0], box[1], box[2], box[2 * d], box[2 * d + 1], box[2 * d + 2]
+    size, turn, (solids, points, clearance, standoff, _) = box[-2], box[-1], shared
     radius, (near_solids, near_points) = contact[RADIUS], lists
     room = (radius + clearance + size + (radius + standoff) * turn) * _ABOVE
     shares = _SHARES if standoff > 0.0 else 1
@@ -220,17 +223,17 @@ def no_limits(contact):  # type: ignore[no-untyped-def]
     return unlimited and not any_positive(contact[_CLOSED:])
 
 
-@compiled(f"Tuple((i8[::1], i8[::1]))(f8[:,::1], {SHARED}, i8[::1], f8[:,::1], f8[:,::1])")
+@compiled(f"i8[:,::1](f8[:,::1], {SHARED}, i8[::1], f8[:,::1], f8[:,::1])")
 def limits_of_points(contacts, shared, which, q, nhat):  # type: ignore[no-untyped-def]
     """Returns the limit and cause of each point for its contact, as `Predicates.limits_at`."""
     solids, points, _, _, _ = shared
-    limits, causes = np.empty(len(which), dtype=np.int64), np.empty(len(which), dtype=np.int64)
+    found, out = np.empty((2, len(which)), np.int64), np.empty((2, 1), np.int64)
     near, gaps = (np.arange(len(solids)), np.arange(len(points))), np.empty(1)
     for k in range(len(which)):
-        out = limits[k:], causes[k:], gaps
         i = which[k]
-        limits_of_block(i, contacts[i], q, nhat, k, k + 1, shared, near, out)
-    return limits, causes
+        limits_of_block(i, contacts[i], q, nhat, k, k + 1, shared, near, out, gaps)
+        found[0, k], found[1, k] = out[0, 0], out[1, 0]
+    return found
 
 
 @compiled(f"f8[::1]({_HAND}, i8, f8[::1], i8[::1], f8[:,::1], f8[:,::1])")
@@ -281,11 +284,11 @@ def compiled_limits_at(
     predicates: Predicates, contacts: IntArray, points: FloatArray, normals: FloatArray
 ) -> tuple[IntArray, IntArray]:
     """Returns the limit that keeps a contact from its point, and its cause; see `Predicates`."""
-    result: tuple[IntArray, IntArray] = limits_of_points(
+    limits, causes = limits_of_points(
         predicates.contacts,
         shared_arrays(predicates),
         np.array(contacts, dtype=np.int64),
         np.array(points.T, dtype=float, order="C"),
         np.array(normals.T, dtype=float, order="C"),
     )
-    return result
+    return limits, causes
