@@ -1,25 +1,27 @@
 """Goals of contacts: weighted centroids of safe regions, projected onto the regions' patches."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import MEASURES
-from drake_pregrasp.fast.predicates import numbers_of, weights_by_measure
+from drake_pregrasp.fast.predicates import numbers_of, write_finger_measures
 from drake_pregrasp.fast.projection import CompiledSurface
-from drake_pregrasp.fast.weights import KINDS, weighted_goals
+from drake_pregrasp.fast.weights import (
+    Members,
+    WriteWeights,
+    centroids,
+    members_of,
+    write_position_weights,
+)
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.force_closure import FRICTION
 from drake_pregrasp.quality.grasp_quality import characteristic_length
 from drake_pregrasp.regions.constraints import RADIUS
 from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
-
-GivenWeights = Callable[[SelectionInput, IntArray, IntArray, BoolArray], FloatArray]
-"""Maps a selection's input, the contacts that move, labels and active contacts, in the types of the
-compiled functions, to the weights of a strategy at the candidates, shape (N,)."""
 
 
 class CompiledGoals:
@@ -53,31 +55,50 @@ class CompiledGoals:
         self._surface = surface = CompiledSurface.of(surface)
         shares = {name: share for name, share in weights.items() if share > 0}
         self._unit = characteristic_length(length, contact_model, surface.longest_lever_arm)
-        self._given: list[GivenWeights] = []
-        kinds = []
-        for name in shares:
-            given: GivenWeights
-            if name in FINGER_MEASURES:
-                places = np.array(surface.p_OQ, order="C"), np.array(surface.nhat_OQ, order="C")
-                given = partial(_finger_measures, FINGER_MEASURES.index(name), places)
-            elif name in MEASURES and contact_model != "complete":  # Compiled only if needed.
-                from drake_pregrasp.fast.spectra import MeasureWeights
-
-                given = MeasureWeights(surface, name, reading, contact_model, self._unit)
-            elif name in ("margin", "independence"):
-                from drake_pregrasp.fast.margins import MarginWeights
-
-                given = MarginWeights(surface, float(friction), slips=name == "independence")
-            else:
-                kinds.append(KINDS.index((name, "hand" if name == "position" else reading)))
-                continue
-            kinds.append(len(KINDS) + len(self._given))
-            self._given.append(given)
-        strategies = np.array(kinds), np.array(list(shares.values()), dtype=float)
-        self._settings = (*strategies, stretch, float(power), best_point)
-        self._q = np.array(surface.p_OQ - surface.p_OCoM, dtype=float, order="C")
-        self._areas = np.array(surface.areas, dtype=float)
+        p_CoMQ = np.array(surface.p_OQ - surface.p_OCoM, dtype=float, order="C")
+        self._q, self._areas = p_CoMQ / self._unit, np.array(surface.areas, dtype=float)
+        model = {"reading": reading, "contact_model": contact_model, "friction": float(friction)}
+        self._strategies = [self._strategy(name, **model) for name in shares]
+        is_measure = np.array([name != "position" for name in shares])
+        powers = np.where(is_measure, float(power), 1.0)
+        self._settings = (
+            np.array(list(shares.values()), dtype=float),
+            is_measure & stretch,
+            powers,
+            best_point,
+        )
         self._best_point = best_point
+
+    def _strategy(
+        self, name: str, *, reading: str, contact_model: str, friction: float
+    ) -> WriteWeights:
+        """Returns the weights of a strategy; only what it needs is compiled."""
+        surface = self._surface
+        if name == "position":
+            return self._write_position_weights
+        if name in FINGER_MEASURES:
+            places = np.array(surface.p_OQ, order="C"), np.array(surface.nhat_OQ, order="C")
+            return partial(_write_finger_measures, FINGER_MEASURES.index(name), places)
+        if name not in MEASURES:
+            from drake_pregrasp.fast.margins import MarginWeights
+
+            return MarginWeights(surface, friction, slips=name == "independence")
+        if contact_model != "complete":
+            from drake_pregrasp.fast.spectra import MeasureWeights
+
+            return MeasureWeights(surface, name, reading, contact_model, self._unit)
+        from drake_pregrasp.fast.closed_forms import CompleteMeasure, own_measure
+
+        if reading == "hand":
+            return CompleteMeasure(name)
+        b = own_measure(name, self._q)
+        return lambda _, members, out: np.take(b, members.candidates, out=out)
+
+    def _write_position_weights(
+        self, selection: SelectionInput, members: Members, b: FloatArray
+    ) -> None:
+        covariance = np.array(selection.covariance_O, dtype=float, order="C")
+        write_position_weights(covariance, self._unit, members.ends, members.q, b)
 
     def __call__(self, selection: SelectionInput, contacts: IntArray) -> FloatArray:
         """Returns the goals, shape (k, 3), in O, in metres, as `region_goals` does.
@@ -89,38 +110,30 @@ class CompiledGoals:
         contacts = np.array(contacts, dtype=np.int64)
         labels = np.array(selection.regions.labels, dtype=np.int64)
         active = np.array(selection.active, dtype=bool)
-        given = np.empty((len(self._given), len(labels)))
-        for row, weights in enumerate(self._given):
-            given[row] = weights(selection, contacts, labels, active)
-        r = selection.p_OC - self._surface.p_OCoM
-        goals: FloatArray = weighted_goals(
-            self._settings,
-            contacts,
-            labels,
-            active,
-            np.array(r, dtype=float, order="C") / self._unit,
-            np.array(selection.covariance_O, dtype=float, order="C") / (self._unit * self._unit),
-            self._q,
-            self._unit,
-            self._areas,
-            given,
+        r = np.array(selection.p_OC - self._surface.p_OCoM, dtype=float, order="C") / self._unit
+        places = np.empty(len(active) + 1, dtype=np.int64)
+        own = members_of(contacts, places, labels, self._q, self._areas)
+        members = Members(contacts, active, r, *own)
+        b = np.empty((1 + len(self._strategies), len(members.areas)))
+        for write, row in zip(self._strategies, b, strict=False):
+            write(selection, members, row)
+        goals: FloatArray = centroids(
+            *self._settings, members.ends, members.q, members.areas, b[:-1], b[-1]
         )
-        goals += self._surface.p_OCoM
+        goals = goals * self._unit + self._surface.p_OCoM
         if self._best_point:
             return goals
         return self._surface.project_into_regions(goals, contacts, labels)[0]
 
 
-def _finger_measures(
+def _write_finger_measures(
     measure: int,
     places: tuple[FloatArray, FloatArray],
     selection: SelectionInput,
-    contacts: IntArray,
-    labels: IntArray,
-    active: BoolArray,
-) -> FloatArray:
+    members: Members,
+    b: FloatArray,
+) -> None:
     predicates = selection.regions.predicates
     hand, radii = numbers_of(predicates.known_finger_measures), predicates.contacts[:, RADIUS]
-    labels = np.where(np.isin(labels, contacts), labels, -1)  # Others do not move now.
-    weights: FloatArray = weights_by_measure(hand, measure, np.array(radii), labels, *places)
-    return weights
+    own = members.contacts, members.ends, members.candidates
+    write_finger_measures(hand, measure, np.array(radii), *own, *places, b)

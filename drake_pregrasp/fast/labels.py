@@ -19,6 +19,7 @@ from drake_pregrasp.regions.safe_regions import NO_REGION, RegionBounds, limit_o
 
 _SLACK = 1e-12  # Share of its terms by which a half-space must clear a box to decide it.
 _NONE, _NUM_LIMITS = int(Limit.NONE), len(Limit)
+_NO_WALLS = np.empty((0, 0), dtype=bool)
 
 
 @compiled()
@@ -121,7 +122,7 @@ def count_of(labels, size, label):  # type: ignore[no-untyped-def]
     f" Tuple((f8[:,:,::1], f8[:,::1], i8[::1])), b1[:,::1], f8[:,::1], {SHARED}, b1[::1], i8)"
 )
 def label_blocks(  # type: ignore[no-untyped-def]
-    blocks, c, h, half_spaces, same_side, contacts, shared, is_counted, num_keys
+    blocks, c, h, half_spaces, same_side, contacts, shared, is_asked, num_keys
 ):
     """Returns labels and cells of the candidates, the sizes of regions, and counts for reasons.
 
@@ -132,14 +133,14 @@ def label_blocks(  # type: ignore[no-untyped-def]
         c: Contacts, shape (n, d), in metres.
         h: Weights h_i, shape (n,), in m²; -inf for lost fingers.
         half_spaces: Normals of the half-spaces, shape (n, d, m), in metres; their bounds for points
-            relative to the contact, shape (n, m), in m²; key of each, shape (m,). Half-spaces of
-            one key are adjacent.
+            relative to the contact, shape (n, m), in m²; key of each, shape (m,), if it
+            is counted. Half-spaces of one key are adjacent.
         same_side: Candidates that no wall hides from each contact, shape (n, N), or empty for all.
         contacts: Rows of the contacts, as in `Predicates`.
         shared: What the contacts share; see `shared_arrays`.
-        is_counted: Mask of the contacts whose regions are not computed. Instead, it is counted how
-            many candidates of the cell half-spaces and predicates exclude, by their keys.
-        num_keys: Number of keys.
+        is_asked: Mask of the contacts whose regions are asked for.
+        num_keys: Number of keys; 0 to compute the regions. Otherwise it is counted how many
+            candidates of the cell half-spaces and predicates exclude, by their keys.
 
     Returns:
         Labels and cells, shape (N,) each; sizes, shape (n,); counts, shape (n, 2, `num_keys`).
@@ -147,7 +148,7 @@ def label_blocks(  # type: ignore[no-untyped-def]
     (q, nhat, order, starts, boxes), (solids, points, _, _, hand) = blocks, shared
     by_axis, bounds, keys = half_spaces
     n, d, m = by_axis.shape
-    width = num_keys // _NUM_LIMITS
+    width, is_counting = num_keys // _NUM_LIMITS, num_keys > 0
     labels, cells = np.empty_like(order), np.empty_like(order)
     owners, out = np.empty(BLOCK, np.int64), np.empty((2, BLOCK), np.int64)
     sizes, counts = np.zeros(n, np.int64), np.zeros((n, 2, num_keys), np.int64)
@@ -183,18 +184,18 @@ def label_blocks(  # type: ignore[no-untyped-def]
         for k in range(size):
             cells[places[k]] = owners[k]
         for i in rivals:
-            if count_of(owners, size, i) == 0:
+            if not is_asked[i] or count_of(owners, size, i) == 0:
                 continue
             normals, contact = by_axis[i], contacts[i]
             count = cutting_half_spaces(
-                normals, bounds[i], slack[i], c[i], box, over, reach, cutting, is_counted[i]
+                normals, bounds[i], slack[i], c[i], box, over, reach, cutting, is_counting
             )
             beyond[:] = 0.0
             for number in range(count):
                 j = cutting[number]
                 exclude(normals, bounds[i], j, c[i], q, start, stop, power, beyond)
                 is_last = number + 1 == count or keys[cutting[number + 1]] != keys[j]
-                if is_counted[i] and is_last:
+                if is_counting and is_last:
                     for k in range(size):
                         counts[i, 0, keys[j]] += (owners[k] == i) & (beyond[k] > 0.0)
                         beyond[k] = 0.0
@@ -208,7 +209,7 @@ def label_blocks(  # type: ignore[no-untyped-def]
                     for k in range(size):
                         is_barred = (owners[k] == i) & (out[0, k] != _NONE)
                         owners[k] = NO_REGION if is_barred else owners[k]
-                        if is_counted[i] and is_barred:
+                        if is_counting and is_barred:
                             counts[i, 1, out[0, k] * width + out[1, k] + 1] += 1
             sizes[i] += count_of(owners, size, i)
         for k in range(size):
@@ -233,24 +234,22 @@ class CompactCandidates(Blocks):
             raise InvalidArgumentError(
                 f"{len(self.order)} candidates were expected, not {bounds.num_candidates}"
             )
-        width = 2 + n + len(predicates.solids) + len(predicates.points)  # Causes are from -1 on.
-        keys = planes.limits * width + planes.causes + 1
         by_axis = np.ascontiguousarray(planes.normals.swapaxes(1, 2))
-        seen = np.empty((0, 0), dtype=bool) if bounds.same_side is None else bounds.same_side
-        arguments = (
-            (self.q, self.nhat, self.order, self.starts, self.boxes),
-            np.array(c, dtype=float, order="C"),
-            np.array(bounds.h, dtype=float, order="C"),
-            (by_axis, np.ascontiguousarray(planes.bounds), keys),
-            np.array(seen, dtype=bool, order="C"),
-            predicates.contacts,
-            shared_arrays(predicates),
-        )
-        labels, cells, sizes, _ = label_blocks(*arguments, np.zeros(n, dtype=bool), 0)
+        seen = _NO_WALLS if bounds.same_side is None else np.array(bounds.same_side, dtype=bool)
+        h = np.array(bounds.h, dtype=float, order="C")
+        tests = seen, predicates.contacts, shared_arrays(predicates)
+        blocks = self.q, self.nhat, self.order, self.starts, self.boxes
+        arguments = blocks, np.array(c, dtype=float, order="C"), h
+        numbers, is_there = (by_axis, np.ascontiguousarray(planes.bounds)), h > -np.inf
+        regions = label_blocks(*arguments, (*numbers, planes.causes), *tests, is_there, 0)
+        labels, cells, sizes, _ = regions
         limits, causes = np.full(n, int(Limit.NONE)), np.full(n, NO_CAUSE)
-        is_tiny = (sizes < bounds.few) & (bounds.h > -np.inf)
+        is_tiny = is_there & (sizes < bounds.few)
         if is_tiny.any():
-            counts = label_blocks(*arguments, is_tiny, len(Limit) * width)[3].max(axis=1)
+            width = 2 + n + len(predicates.solids) + len(predicates.points)  # Causes from -1 on.
+            keys, num_keys = planes.limits * width + planes.causes + 1, len(Limit) * width
+            regions = label_blocks(*arguments, (*numbers, keys), *tests, is_tiny, num_keys)
+            counts = regions[3].max(axis=1)
             for i in np.flatnonzero(is_tiny).tolist():
                 key = int(np.argmax(counts[i]))
                 if counts[i, key] == 0 or np.count_nonzero(cells == i) < bounds.few:

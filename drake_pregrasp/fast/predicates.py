@@ -236,27 +236,29 @@ def limits_of_points(contacts, shared, which, q, nhat):  # type: ignore[no-untyp
     return found
 
 
-@compiled(f"f8[::1]({_HAND}, i8, f8[::1], i8[::1], f8[:,::1], f8[:,::1])")
-def weights_by_measure(hand, measure, radii, labels, q, nhat):  # type: ignore[no-untyped-def]
-    """Returns a measure of the finger in whose region each candidate is, as `finger_measure`.
+@compiled(f"void({_HAND}, i8, f8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[::1])")
+def write_finger_measures(hand, measure, radii, contacts, ends, candidates, q, nhat, b):  # type: ignore[no-untyped-def]
+    """Writes a measure of the finger in whose region each candidate is, as `finger_measure`.
 
     Args:
         hand: Attributes of the hand's `FingerMeasures`; see `numbers_of`.
         measure: Index of the measure.
         radii: Radius of each fingertip, in metres.
-        labels: Index of the finger of each candidate; below 0 for none.
-        q: Candidates in O, in metres.
+        contacts: As the next two, part of `Members`.
+        ends: Ends of the regions.
+        candidates: Indices of the candidates.
+        q: All candidates in O, in metres.
         nhat: Their outward unit normals.
+        b: Result, shape (M,).
     """
-    weights = np.zeros(len(q))
-    for n in range(len(q)):
-        i, normal = labels[n], (nhat[n, 0], nhat[n, 1], nhat[n, 2])
-        if i >= 0:
-            x, y, z = normal
+    for region in range(len(contacts)):
+        i = contacts[region]
+        for k in range(ends[region], ends[region + 1]):
+            n = candidates[k]
+            x, y, z = nhat[n, 0], nhat[n, 1], nhat[n, 2]
             tip = (q[n, 0] + radii[i] * x, q[n, 1] + radii[i] * y, q[n, 2] + radii[i] * z)
-            value = finger_measures_of(i, hand, tip, normal)[measure]
-            weights[n] = 0.0 if math.isnan(value) else value
-    return weights
+            value = finger_measures_of(i, hand, tip, (x, y, z))[measure]
+            b[k] = 0.0 if math.isnan(value) else value
 
 
 def shared_arrays(predicates: Predicates) -> tuple[Any, ...]:

@@ -313,9 +313,7 @@ def _limit_of_region(
     return min(counts, key=lambda key: (-counts[key], key))
 
 
-def limit_of_cell(
-    i: int, q: FloatArray, cells: IntArray, bounds: RegionBounds
-) -> tuple[int, int]:
+def limit_of_cell(i: int, q: FloatArray, cells: IntArray, bounds: RegionBounds) -> tuple[int, int]:
     """Returns what ends the cell of a contact: the cell or wall of the nearest other candidate.
 
     The arguments are those of `_limit_of_region`.
