@@ -150,7 +150,7 @@ def label_blocks(  # type: ignore[no-untyped-def]
     n, d, m = by_axis.shape
     width, is_counting = num_keys // _NUM_LIMITS, num_keys > 0
     labels, cells = np.empty_like(order), np.empty_like(order)
-    owners, out = np.empty(BLOCK, np.int64), np.empty((2, BLOCK), np.int64)
+    owners, out = np.empty(BLOCK, np.int64), (np.empty(BLOCK, np.int64), np.empty(BLOCK, np.int64))
     sizes, counts = np.zeros(n, np.int64), np.zeros((n, 2, num_keys), np.int64)
     least, power, beyond = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
     most = max(m, len(points))
@@ -180,6 +180,11 @@ def label_blocks(  # type: ignore[no-untyped-def]
         rivals = everybody
         if not same_side.size:  # A wall may hide the contact that is nearest to the box.
             rivals = which[: contenders(c, half_power, box, extent, powers, which)]
+        num_asked = 0
+        for i in rivals:
+            num_asked += is_asked[i]
+        if num_asked == 0 and is_counting:
+            continue
         own_cells(q, start, stop, c, half_power, same_side, places, owners, least, power, rivals)
         for k in range(size):
             cells[places[k]] = owners[k]
@@ -206,11 +211,14 @@ def label_blocks(  # type: ignore[no-untyped-def]
                 near = near_obstacles(contact, box, d, shared, near_lists, over)
                 if is_limited or len(near[0]) + len(near[1]) > 0:
                     limits_of_block(i, contact, q, nhat, start, stop, shared, near, out, power)
+                    if is_counting:
+                        for k in range(size):
+                            key = out[0][k] * width + out[1][k] + 1
+                            counts[i, 1, key] += (owners[k] == i) & (out[0][k] != _NONE)
                     for k in range(size):
-                        is_barred = (owners[k] == i) & (out[0, k] != _NONE)
-                        owners[k] = NO_REGION if is_barred else owners[k]
-                        if is_counting and is_barred:
-                            counts[i, 1, out[0, k] * width + out[1, k] + 1] += 1
+                        owners[k] = (
+                            NO_REGION if (owners[k] == i) & (out[0][k] != _NONE) else owners[k]
+                        )
             sizes[i] += count_of(owners, size, i)
         for k in range(size):
             labels[places[k]] = owners[k]

@@ -117,10 +117,10 @@ def limits_of_block(i, contact, q, nhat, start, stop, shared, near, out, gaps): 
         stop: End of the points.
         shared: What the contacts share; see `shared_arrays`.
         near: Indices of the solids and of the obstacle points to be tested, ascending.
-        out: Limits and causes, which are written, shape (2, stop - start) or more.
+        out: Limits and causes, which are written, shape (stop - start,) or more each.
         gaps: Memory for a number of each point.
     """
-    (solids, points, clearance, standoff, hand), limits, causes = shared, out[0], out[1]
+    (solids, points, clearance, standoff, hand), (limits, causes) = shared, out
     x, y, z, size = q[0, start:stop], q[1, start:stop], q[2, start:stop], stop - start
     nx, ny, nz = nhat[0, start:stop], nhat[1, start:stop], nhat[2, start:stop]
     limits[:size], causes[:size] = _NONE, NO_CAUSE
@@ -227,12 +227,12 @@ def no_limits(contact):  # type: ignore[no-untyped-def]
 def limits_of_points(contacts, shared, which, q, nhat):  # type: ignore[no-untyped-def]
     """Returns the limit and cause of each point for its contact, as `Predicates.limits_at`."""
     solids, points, _, _, _ = shared
-    found, out = np.empty((2, len(which)), np.int64), np.empty((2, 1), np.int64)
+    found = np.empty((2, len(which)), np.int64)
     near, gaps = (np.arange(len(solids)), np.arange(len(points))), np.empty(1)
     for k in range(len(which)):
         i = which[k]
+        out = found[0, k:], found[1, k:]
         limits_of_block(i, contacts[i], q, nhat, k, k + 1, shared, near, out, gaps)
-        found[0, k], found[1, k] = out[0, 0], out[1, 0]
     return found
 
 
