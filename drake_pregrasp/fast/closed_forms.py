@@ -20,9 +20,6 @@ the upper eigenvalue nu of P + b bᵀ / (y - b11). Eigenvalues of 2 x 2 matrices
 and a few Newton steps, with mu linearised and the quadratic solved exactly, find the roots, also
 double ones, because the closed form contains their square root. Near y = b11 the elimination would
 divide by nearly zero; the matrix is then decomposed.
-
-**One contact.** In the reading `contact`, with rho = |q|, sigma_min is sqrt(1 + rho²/4) - rho/2 and
-sigma_max its inverse.
 """
 
 import math
@@ -66,6 +63,33 @@ def eigenvalue(sign, gap, p11, p12, p22, b1, b2):  # type: ignore[no-untyped-def
     form = half * (b1 * b1 - b2 * b2) + 2.0 * a12 * b1 * b2
     along = (b1 * b1 + b2 * b2 + sign * form / (root if root > 0.0 else 1.0)) / 2.0
     return (a11 + a22) / 2.0 + sign * root, (along if along > 0.0 else 0.0) * d * d
+
+
+@compiled()
+def find_roots(sign, size, tau, b11, b1, b2, p11, p12, p22, roots, steps):  # type: ignore[no-untyped-def]
+    """Improves y (sign 1) or x (sign -1) of `size` places by Newton steps.
+
+    Where y needs the decomposition instead, its step is written as infinite.
+    """
+    for k in range(size):
+        steps[k] = 1.0
+    for _ in range(_STEPS):
+        unsettled = 0
+        for k in range(size):
+            root, gap = roots[k], roots[k] - sign * b11[k]
+            mu, slope = eigenvalue(sign, gap, p11[k], p12[k], p22[k], b1[k], b2[k])
+            p = mu + sign * slope * root
+            above = p + math.sqrt(p * p + 4.0 * (1.0 + slope) * tau[k])
+            x = 2.0 * tau[k] / (above if above > 0.0 else 1.0)
+            found = above / (1.0 + slope) / 2.0 if sign > 0.0 else x
+            usable = (tau[k] > 0.75 * b11[k] * b11[k]) & (gap > 1e-3 * root) | (sign < 0.0)
+            step = abs(found - root) - _SETTLED * found
+            steps[k] = step if usable & (steps[k] < np.inf) else np.inf
+            roots[k] = found if steps[k] < np.inf else root
+        for k in range(size):
+            unsettled += (steps[k] > 0.0) & (steps[k] < np.inf)
+        if unsettled == 0:
+            break
 
 
 @compiled()
@@ -129,43 +153,15 @@ def write_singular_values(kind, t, B, n, q, b):  # type: ignore[no-untyped-def]
             p12[k] = vx * fx + vy * fy + vz * fz - q2 * q1
             p22[k] = B[0, 0] + B[1, 1] + B[2, 2] + 2.0 * square - b11[k] - p11[k]
             roots[k] = length
-        for _ in range(_STEPS):
-            unsettled = 0
-            for k in range(size):
-                root = roots[k]
-                mu, slope = eigenvalue(-1.0, root + b11[k], p11[k], p12[k], p22[k], b1[k], b2[k])
-                p = mu - slope * root
-                below = p + math.sqrt(p * p + 4.0 * (1.0 + slope) * tau[k])
-                roots[k] = 2.0 * tau[k] / (below if below > 0.0 else 1.0)
-                steps[k] = abs(roots[k] - root) - _SETTLED * roots[k]
-            for k in range(size):
-                unsettled += steps[k] > 0.0
-            if unsettled == 0:
-                break
+        find_roots(-1.0, size, tau, b11, b1, b2, p11, p12, p22, roots, steps)
         for k in range(size):
             value = n - roots[k]
             own[k] = math.sqrt(value if value > 0.0 else 0.0)
         if kind == _MSV:
             continue
         for k in range(size):
-            roots[k], steps[k] = math.sqrt(tau[k]) + b11[k], 1.0
-        for _ in range(_STEPS):
-            unsettled = 0
-            for k in range(size):
-                root, gap = roots[k], roots[k] - b11[k]
-                nu, slope = eigenvalue(1.0, gap, p11[k], p12[k], p22[k], b1[k], b2[k])
-                p = nu + slope * root
-                found = (p + math.sqrt(p * p + 4.0 * (1.0 + slope) * tau[k])) / (1.0 + slope) / 2.0
-                step = abs(found - root) - _SETTLED * found
-                usable = tau[k] > 0.75 * b11[k] * b11[k] and gap > 1e-3 * root
-                # Two of these places are not computed further: those that settled, and those
-                # that need the decomposition.
-                steps[k] = (step if usable else 1e300) if steps[k] < 1e300 else 1e300
-                roots[k] = found if steps[k] < 1e300 else root
-            for k in range(size):
-                unsettled += steps[k] > 0.0 and steps[k] < 1e300
-            if unsettled == 0:
-                break
+            roots[k] = math.sqrt(tau[k]) + b11[k]
+        find_roots(1.0, size, tau, b11, b1, b2, p11, p12, p22, roots, steps)
         for k in range(size):
             is_partial |= steps[k] > 0.0
             own[k] /= -1.0 if steps[k] > 0.0 else math.sqrt(n + roots[k])
@@ -220,12 +216,3 @@ class CompleteMeasure:
             grams = active[:, None, None] * (G_C @ G_C.swapaxes(1, 2))
             others = np.sum(grams, axis=0) - grams[i]
             b[places] /= -np.sqrt(np.linalg.eigvalsh(others + G_Q @ G_Q.swapaxes(1, 2))[:, -1])
-
-
-def own_measure(name: str, q: FloatArray) -> FloatArray:
-    """Returns one of `MEASURES` of single complete contacts at lever arms q, shape (N, 3)."""
-    rho = np.linalg.norm(q, axis=1)
-    sigma_min = np.sqrt(1 + rho**2 / 4) - rho / 2
-    powers = {"msv": 1, "gii": 2, "vew": 0}
-    b: FloatArray = sigma_min ** powers[name]
-    return b

@@ -7,7 +7,7 @@ import numpy as np
 
 from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.contacts.selection_input import SelectionInput
-from drake_pregrasp.contacts.strategies import MEASURES
+from drake_pregrasp.contacts.strategies import MEASURES, singular_values
 from drake_pregrasp.fast.predicates import numbers_of, write_finger_measures
 from drake_pregrasp.fast.projection import CompiledSurface
 from drake_pregrasp.fast.weights import (
@@ -22,6 +22,7 @@ from drake_pregrasp.quality.force_closure import FRICTION
 from drake_pregrasp.quality.grasp_quality import characteristic_length
 from drake_pregrasp.regions.constraints import RADIUS
 from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
+from drake_pregrasp.regions.safe_regions import SafeRegions
 
 
 class CompiledGoals:
@@ -83,16 +84,19 @@ class CompiledGoals:
             from drake_pregrasp.fast.margins import MarginWeights
 
             return MarginWeights(surface, friction, slips=name == "independence")
+        if reading == "contact":  # The other contacts do not count: it is the same in all ticks.
+            regions = SafeRegions.unlimited(np.zeros(len(surface.p_OQ), dtype=np.int64), 1)
+            alone = SelectionInput(surface, surface.p_OQ[:1], regions, np.eye(3))
+            model = {"reading": reading, "contact_model": contact_model, "length": self._unit}
+            b = MEASURES[name](singular_values(alone, 0, **model))
+            return lambda _, members, out: np.take(b, members.candidates, out=out)
         if contact_model != "complete":
             from drake_pregrasp.fast.spectra import MeasureWeights
 
-            return MeasureWeights(surface, name, reading, contact_model, self._unit)
-        from drake_pregrasp.fast.closed_forms import CompleteMeasure, own_measure
+            return MeasureWeights(surface, name, contact_model, self._unit)
+        from drake_pregrasp.fast.closed_forms import CompleteMeasure
 
-        if reading == "hand":
-            return CompleteMeasure(name)
-        b = own_measure(name, self._q)
-        return lambda _, members, out: np.take(b, members.candidates, out=out)
+        return CompleteMeasure(name)
 
     def _write_position_weights(
         self, selection: SelectionInput, members: Members, b: FloatArray

@@ -15,23 +15,18 @@ from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.fast.weights import Members
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.quality.force_closure import CONE_EDGES, GRAM_RANK_TOLERANCE, longest_arm
+from drake_pregrasp.quality.force_closure import (
+    CONE_EDGES,
+    GRAM_RANK_TOLERANCE,
+    balance_blocks,
+    longest_arm,
+)
 from drake_pregrasp.regions.independent_regions import LEAST_MARGIN, slip_radii
 
 GROUP = 64
 """Largest number of places in a group."""
 
 _DIAGONAL = math.sqrt(0.5)
-
-
-@compiled()
-def add_gram(P, friction, M):  # type: ignore[no-untyped-def]
-    """Adds P (E Eᵀ) Pᵀ of one contact, with P of shape (7, 3, 1), to the lower triangle of M."""
-    across = CONE_EDGES / 2 * friction * friction
-    for a in range(7):
-        for b in range(a + 1):
-            tangential = P[a, 1, 0] * P[b, 1, 0] + P[a, 2, 0] * P[b, 2, 0]
-            M[a, b] += CONE_EDGES * P[a, 0, 0] * P[b, 0, 0] + across * tangential
 
 
 @compiled()
@@ -118,7 +113,7 @@ def group_margins(gram, P_C, others, P, friction, size, M, y, components, least,
         b[k] = bound if b[k] > 0.0 else -1.0
 
 
-@compiled("void(i8[::1], b1[::1], i8[::1], i8[::1], f8[:,:,:,::1], f8[:,::1], f8, f8[::1])")
+@compiled("void(i8[::1], b1[::1], i8[::1], i8[::1], f8[:,:,:,::1], f8[:,:,:,::1], f8, f8[::1])")
 def write_margins(contacts, active, ends, candidates, P_C, P_Q, friction, b):  # type: ignore[no-untyped-def]
     """Writes `hand_margin` of the contacts at each candidate of their regions.
 
@@ -128,7 +123,7 @@ def write_margins(contacts, active, ends, candidates, P_C, P_Q, friction, b):  #
         ends: Ends of the regions.
         candidates: Indices of the candidates.
         P_C: P of each contact, shape (n, 7, 3, 1).
-        P_Q: P of a contact at each candidate, shape (N, 21).
+        P_Q: P of a contact at each candidate, shape (N, 7, 3, 1).
         friction: Coulomb's coefficient.
         b: Result, shape (M,).
     """
@@ -140,7 +135,11 @@ def write_margins(contacts, active, ends, candidates, P_C, P_Q, friction, b):  #
         gram[:] = 0.0
         for other in range(len(active)):
             if active[other] and other != contacts[region]:
-                add_gram(P_C[other], friction, gram)
+                p, across = P_C[other], CONE_EDGES / 2 * friction * friction
+                for i in range(7):
+                    for j in range(i + 1):
+                        gram[i, j] += CONE_EDGES * p[i, 0, 0] * p[j, 0, 0]
+                        gram[i, j] += across * (p[i, 1, 0] * p[j, 1, 0] + p[i, 2, 0] * p[j, 2, 0])
                 others[count] = other
                 count += 1
         for start in range(ends[region], ends[region + 1], GROUP):
@@ -149,35 +148,15 @@ def write_margins(contacts, active, ends, candidates, P_C, P_Q, friction, b):  #
                 j = candidates[start + k]
                 for a in range(7):
                     for column in range(3):
-                        P[a, column, k] = P_Q[j, 3 * a + column]
+                        P[a, column, k] = P_Q[j, a, column, 0]
             own = others[:count], P, friction, size, M, y, components, least, spans, b[start:]
             group_margins(gram, P_C, *own)
 
 
-@compiled("f8[:,::1](f8[:,:], f8[:,:], f8)")
-def contact_rows(r, nhat, arm):  # type: ignore[no-untyped-def]
-    """Returns P of hard fingers, shape (k, 21), as `balance_blocks`, with torques over an arm."""
-    rows = np.zeros((len(r), 21))
-    for k in range(len(r)):
-        x, y, z = nhat[k, 0], nhat[k, 1], nhat[k, 2]
-        # The first tangent is nhat x e / |nhat x e| with the axis e least along nhat.
-        if abs(x) <= abs(y) and abs(x) <= abs(z):
-            t = (0.0, z, -y)
-        elif abs(y) <= abs(z):
-            t = (-z, 0.0, x)
-        else:
-            t = (y, -x, 0.0)
-        norm = math.sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2])
-        t = (t[0] / norm, t[1] / norm, t[2] / norm)
-        o = (z * t[1] - y * t[2], x * t[2] - z * t[0], y * t[0] - x * t[1])
-        for column, axis in enumerate(((-x, -y, -z), t, o)):
-            for row in range(3):
-                i, j = (row + 1) % 3, (row + 2) % 3
-                rows[k, 3 * row + column] = axis[row]
-                torque = r[k, i] * axis[j] - r[k, j] * axis[i]
-                rows[k, 9 + 3 * row + column] = torque / arm
-        rows[k, 18] = 1.0
-    return rows
+def contact_rows(r: FloatArray, nhat: FloatArray, arm: float) -> FloatArray:
+    """Returns P of n hard fingers, shape (n, 7, 3, 1), with torques over an arm."""
+    P = balance_blocks(r, nhat, "hard_finger", arm)
+    return np.ascontiguousarray(P.transpose(2, 0, 1)[..., None])
 
 
 def compiled_slip_radii(
@@ -193,8 +172,7 @@ def compiled_slip_radii(
     rows = contact_rows(r, np.concatenate([nhat_OC, surface.nhat_OQ[near]]), longest_arm(r))
     order, bounds = np.argsort(moved, kind="stable"), np.empty(len(moved))
     contacts, ends = np.arange(n), np.searchsorted(moved[order], np.arange(n + 1))
-    P_C = rows[:n].reshape(n, 7, 3, 1)
-    write_margins(contacts, np.ones(n, bool), ends, order, P_C, rows, float(friction), bounds)
+    write_margins(contacts, np.ones(n, bool), ends, order, rows[:n], rows, float(friction), bounds)
     radii, is_open = np.full(n, float(radius)), order[bounds <= LEAST_MARGIN]
     np.minimum.at(radii, moved[is_open], slips[is_open])
     return radii
@@ -217,7 +195,7 @@ class MarginWeights:
     def __call__(self, selection: SelectionInput, members: Members, b: FloatArray) -> None:
         """See `WriteWeights`."""
         r, nhat = selection.p_OC - self._surface.p_OCoM, selection.project(selection.p_OC)[1]
-        P_C = contact_rows(r, nhat, self._arm).reshape(-1, 7, 3, 1)
+        P_C = contact_rows(r, nhat, self._arm)
         contacts, active, _, ends, candidates, _, _ = members
         common, N = (P_C, self._P_Q, self._friction), len(self._P_Q)
         if not self._slips:

@@ -79,13 +79,13 @@ def write_group(kind, M, size, cosines, sines, b):  # type: ignore[no-untyped-de
 
 
 @compiled("void(i8, i8[::1], b1[::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[::1])")
-def write_measures(kind, contacts, counts, ends, candidates, grams_C, grams_Q, b):  # type: ignore[no-untyped-def]
+def write_measures(kind, contacts, active, ends, candidates, grams_C, grams_Q, b):  # type: ignore[no-untyped-def]
     """Writes a measure of contacts at each candidate of their regions.
 
     Args:
         kind: Index of the measure in `MEASURES`.
         contacts: Indices of the contacts that move, shape (k,).
-        counts: Mask of the contacts that belong to the matrix, except the moved one, shape (n,).
+        active: Mask of the contacts that take part in the grasp, shape (n,).
         ends: As the next one, part of `Members`.
         candidates: Indices of the candidates.
         grams_C: Lower triangle of G_i G_iᵀ of each contact, shape (n, 21).
@@ -96,8 +96,8 @@ def write_measures(kind, contacts, counts, ends, candidates, grams_C, grams_Q, b
     others = np.empty(21)
     for region in range(len(contacts)):
         others[:] = 0.0
-        for other in range(len(counts)):
-            if counts[other] and other != contacts[region]:
+        for other in range(len(active)):
+            if active[other] and other != contacts[region]:
                 for element in range(21):
                     others[element] += grams_C[other, element]
         for start in range(ends[region], ends[region + 1], GROUP):
@@ -117,24 +117,20 @@ class MeasureWeights:
     Args:
         surface: The object's surface.
         name: Name of the measure in `MEASURES`.
-        reading: Reading of the grasp matrix.
         contact_model: Contact model of the grasp matrix.
         unit: Length by which the matrix divides lever arms, in metres.
     """
 
-    def __init__(
-        self, surface: ObjectSurface, name: str, reading: str, contact_model: str, unit: float
-    ) -> None:
+    def __init__(self, surface: ObjectSurface, name: str, contact_model: str, unit: float) -> None:
         self._surface, self._model, self._unit = surface, contact_model, unit
-        self._kind, self._counts_others = list(MEASURES).index(name), reading == "hand"
+        self._kind = list(MEASURES).index(name)
         self._grams_Q = self._grams(surface.p_OQ, surface.nhat_OQ)
 
     def __call__(self, selection: SelectionInput, members: Members, b: FloatArray) -> None:
         """See `WriteWeights`."""
         grams_C = self._grams(selection.p_OC, selection.project(selection.p_OC)[1])
         contacts, active, _, ends, candidates, _, _ = members
-        counts = active & self._counts_others
-        write_measures(self._kind, contacts, counts, ends, candidates, grams_C, self._grams_Q, b)
+        write_measures(self._kind, contacts, active, ends, candidates, grams_C, self._grams_Q, b)
 
     def _grams(self, p_OC: FloatArray, nhat: FloatArray) -> FloatArray:
         """Returns the lower triangles of G_i G_iᵀ of n contacts, shape (n, 21)."""

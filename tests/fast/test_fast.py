@@ -165,7 +165,6 @@ def test_no_tick_waits_for_the_compiler_whatever_arrays_it_meets(kind):
         projection.projected,
         predicates.limits_of_points,
         predicates.write_finger_measures,
-        margins.contact_rows,
         margins.write_margins,
     )
     for entry in entries:
