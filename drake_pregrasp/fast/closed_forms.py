@@ -30,7 +30,7 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import MEASURES
 from drake_pregrasp.fast.compiling import compiled
-from drake_pregrasp.fast.weights import Members
+from drake_pregrasp.fast.goals import Members
 from drake_pregrasp.quality.grasp_quality import contact_blocks
 
 _MSV, _GII, _VEW = range(len(MEASURES))
@@ -206,9 +206,9 @@ class CompleteMeasure:
     def __init__(self, name: str) -> None:
         self._kind = list(MEASURES).index(name)
 
-    def __call__(self, _: SelectionInput, members: Members, b: FloatArray) -> None:
+    def __call__(self, selection: SelectionInput, members: Members, b: FloatArray) -> None:
         """See `WriteWeights`."""
-        contacts, active, r, ends, _, q, _ = members
+        contacts, active, r, ends, q = (*members[:4], members.q)
         if write_measures(self._kind, contacts, active, r, ends, q, b):
             places = np.flatnonzero(b < 0)
             i = contacts[np.searchsorted(ends, places, side="right") - 1]

@@ -37,7 +37,8 @@ def compiled(signature: str | None = None) -> Callable[[Callable[..., Any]], Any
     """
     options = {"error_model": "numpy", "no_cfunc_wrapper": True}
     if signature is None:
-        return numba.njit(no_cpython_wrapper=True, **options)
+        inner: Callable[..., Any] = numba.njit(no_cpython_wrapper=True, **options)
+        return inner
 
     def compile_(function: Callable[..., Any]) -> Any:
         try:

@@ -118,7 +118,7 @@ def count_of(labels, size, label):  # type: ignore[no-untyped-def]
 
 @compiled(
     "Tuple((i8[::1], i8[::1], i8[::1], i8[:,:,::1]))"
-    "(Tuple((f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[:,::1])), f8[:,::1], f8[::1],"
+    "(Tuple((f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[:,::1], f8)), f8[:,::1], f8[::1],"
     f" Tuple((f8[:,:,::1], f8[:,::1], i8[::1])), b1[:,::1], f8[:,::1], {SHARED}, b1[::1], i8)"
 )
 def label_blocks(  # type: ignore[no-untyped-def]
@@ -129,7 +129,7 @@ def label_blocks(  # type: ignore[no-untyped-def]
     Loops run along one array at a time, so that the compiler makes vector instructions of them.
 
     Args:
-        blocks: Attributes of `Blocks`: q, nhat, order, starts and boxes.
+        blocks: Attributes of `Blocks`: q, nhat, order, starts, boxes and largest.
         c: Contacts, shape (n, d), in metres.
         h: Weights h_i, shape (n,), in m²; -inf for lost fingers.
         half_spaces: Normals of the half-spaces, shape (n, d, m), in metres; their bounds for points
@@ -145,7 +145,7 @@ def label_blocks(  # type: ignore[no-untyped-def]
     Returns:
         Labels and cells, shape (N,) each; sizes, shape (n,); counts, shape (n, 2, `num_keys`).
     """
-    (q, nhat, order, starts, boxes), (solids, points, _, _, hand) = blocks, shared
+    (q, nhat, order, starts, boxes, largest), (solids, points, _, _, hand) = blocks, shared
     by_axis, bounds, keys = half_spaces
     n, d, m = by_axis.shape
     width, is_counting = num_keys // _NUM_LIMITS, num_keys > 0
@@ -164,10 +164,7 @@ def label_blocks(  # type: ignore[no-untyped-def]
             square += c[i, axis] * c[i, axis]
             extent = max(extent, abs(c[i, axis]))
         half_power[i] = (square - h[i]) / 2.0  # Infinite for lost fingers.
-    for block in range(len(boxes)):
-        for axis in range(d):
-            extent = max(extent, abs(boxes[block, axis]) + boxes[block, d + axis])
-    extent *= 2.0
+    extent = 2.0 * max(extent, largest)
     for i in range(n):
         for j in range(m):
             size = 0.0
@@ -180,11 +177,6 @@ def label_blocks(  # type: ignore[no-untyped-def]
         rivals = everybody
         if not same_side.size:  # A wall may hide the contact that is nearest to the box.
             rivals = which[: contenders(c, half_power, box, extent, powers, which)]
-        num_asked = 0
-        for i in rivals:
-            num_asked += is_asked[i]
-        if num_asked == 0 and is_counting:
-            continue
         own_cells(q, start, stop, c, half_power, same_side, places, owners, least, power, rivals)
         for k in range(size):
             cells[places[k]] = owners[k]
@@ -216,9 +208,8 @@ def label_blocks(  # type: ignore[no-untyped-def]
                             key = out[0][k] * width + out[1][k] + 1
                             counts[i, 1, key] += (owners[k] == i) & (out[0][k] != _NONE)
                     for k in range(size):
-                        owners[k] = (
-                            NO_REGION if (owners[k] == i) & (out[0][k] != _NONE) else owners[k]
-                        )
+                        is_barred = (owners[k] == i) & (out[0][k] != _NONE)
+                        owners[k] = NO_REGION if is_barred else owners[k]
             sizes[i] += count_of(owners, size, i)
         for k in range(size):
             labels[places[k]] = owners[k]
@@ -246,7 +237,7 @@ class CompactCandidates(Blocks):
         seen = _NO_WALLS if bounds.same_side is None else np.array(bounds.same_side, dtype=bool)
         h = np.array(bounds.h, dtype=float, order="C")
         tests = seen, predicates.contacts, shared_arrays(predicates)
-        blocks = self.q, self.nhat, self.order, self.starts, self.boxes
+        blocks = self.q, self.nhat, self.order, self.starts, self.boxes, self.largest
         arguments = blocks, np.array(c, dtype=float, order="C"), h
         numbers, is_there = (by_axis, np.ascontiguousarray(planes.bounds)), h > -np.inf
         regions = label_blocks(*arguments, (*numbers, planes.causes), *tests, is_there, 0)

@@ -33,19 +33,18 @@ def rotate(theta, order, R):  # type: ignore[no-untyped-def]
 
 
 @compiled()
-def invert(A, inverse):  # type: ignore[no-untyped-def]
-    """Writes the inverse of a matrix, shape (3, 3), by its cofactors."""
-    determinant = 0.0
-    for row in range(3):
-        i, j = (row + 1) % 3, (row + 2) % 3
-        for column in range(3):
-            k, m = (column + 1) % 3, (column + 2) % 3
-            inverse[column, row] = A[i, k] * A[j, m] - A[i, m] * A[j, k]
+def invert(A):  # type: ignore[no-untyped-def]
+    """Inverts a positive definite matrix in its place, shape (3, 3), by elimination."""
     for k in range(3):
-        determinant += A[0, k] * inverse[k, 0]
-    for row in range(3):
+        pivot = A[k, k]
+        A[k, k] = 1.0
         for column in range(3):
-            inverse[row, column] /= determinant
+            A[k, column] /= pivot
+        for row in range(3):
+            factor = A[row, k] if row != k else 0.0
+            A[row, k] = 0.0 if row != k else A[row, k]
+            for column in range(3):
+                A[row, column] -= factor * A[k, column]
 
 
 @compiled(
@@ -114,8 +113,9 @@ def write_step(means, R, P, K, nu, squared, measured, com, dt, gravity, densitie
             own[3 + k, 3 + k] += density
         for row in range(3):
             for column in range(3):
-                R[4 + part, row, column] = own[row, column] + R[2 + part, row, column]
-        invert(R[4 + part], inverse)
+                inverse[row, column] = own[row, column] + R[2 + part, row, column]
+                R[4 + part, row, column] = inverse[row, column]
+        invert(inverse)
         multiply(inverse, own[:3], gain)
         multiply(nu[part : part + 1], gain, shift)
         multiply(inverse, nu[part : part + 1].T, product)

@@ -58,7 +58,9 @@ def rotation_matrix(theta: FloatArray, *, order: int = 0) -> FloatArray:
         theta: Rotation vector, shape (3,), in radians.
         order: Order of the series, 0 or 1.
     """
-    return np.array(rotation_rows(*theta.tolist(), order))
+    x, y, z = theta.tolist()
+    R: FloatArray = np.array(rotation_rows(x, y, z, order))
+    return R
 
 
 Row = tuple[float, float, float]

@@ -136,15 +136,7 @@ def frozen(array):
 
 @pytest.mark.parametrize("kind", [np.array, frozen, lambda a: np.repeat(a, 2, axis=0)[::2]])
 def test_no_tick_waits_for_the_compiler_whatever_arrays_it_meets(kind):
-    from drake_pregrasp.fast import (
-        closed_forms,
-        labels,
-        margins,
-        predicates,
-        projection,
-        spectra,
-        weights,
-    )
+    from drake_pregrasp.fast import closed_forms, goals, labels, margins, predicates, projection
 
     surface, rng = CUBE, np.random.default_rng(0)
     p_OC = contacts(surface, 4, rng)
@@ -157,11 +149,10 @@ def test_no_tick_waits_for_the_compiler_whatever_arrays_it_meets(kind):
     np.testing.assert_array_equal(choose(selection, kind(np.arange(4))), plain)
     entries = (
         labels.label_blocks,
-        weights.members_of,
-        weights.write_position_weights,
-        weights.centroids,
+        goals.members_of,
+        goals.write_position,
+        goals.centroids,
         closed_forms.write_measures,
-        spectra.write_measures,
         projection.projected,
         predicates.limits_of_points,
         predicates.write_finger_measures,
