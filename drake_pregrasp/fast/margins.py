@@ -18,7 +18,6 @@ from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.force_closure import (
     CONE_EDGES,
     GRAM_RANK_TOLERANCE,
-    balance_blocks,
     longest_arm,
 )
 from drake_pregrasp.regions.independent_regions import LEAST_MARGIN, slip_radii
@@ -153,10 +152,30 @@ def write_margins(contacts, active, ends, candidates, P_C, P_Q, friction, b):  #
             group_margins(gram, P_C, *own)
 
 
-def contact_rows(r: FloatArray, nhat: FloatArray, arm: float) -> FloatArray:
-    """Returns P of n hard fingers, shape (n, 7, 3, 1), with torques over an arm."""
-    P = balance_blocks(r, nhat, "hard_finger", arm)
-    return np.ascontiguousarray(P.transpose(2, 0, 1)[..., None])
+@compiled("f8[:,::1](f8[:,:], f8[:,:], f8)")
+def contact_rows(r, nhat, arm):  # type: ignore[no-untyped-def]
+    """Returns P of hard fingers, shape (k, 21), as `balance_blocks`, with torques over an arm."""
+    rows = np.zeros((len(r), 21))
+    for k in range(len(r)):
+        x, y, z = nhat[k, 0], nhat[k, 1], nhat[k, 2]
+        # The first tangent is nhat x e / |nhat x e| with the axis e least along nhat.
+        if abs(x) <= abs(y) and abs(x) <= abs(z):
+            t = (0.0, z, -y)
+        elif abs(y) <= abs(z):
+            t = (-z, 0.0, x)
+        else:
+            t = (y, -x, 0.0)
+        norm = math.sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2])
+        t = (t[0] / norm, t[1] / norm, t[2] / norm)
+        o = (z * t[1] - y * t[2], x * t[2] - z * t[0], y * t[0] - x * t[1])
+        for column, axis in enumerate(((-x, -y, -z), t, o)):
+            for row in range(3):
+                i, j = (row + 1) % 3, (row + 2) % 3
+                rows[k, 3 * row + column] = axis[row]
+                torque = r[k, i] * axis[j] - r[k, j] * axis[i]
+                rows[k, 9 + 3 * row + column] = torque / arm
+        rows[k, 18] = 1.0
+    return rows
 
 
 def compiled_slip_radii(
@@ -170,6 +189,7 @@ def compiled_slip_radii(
     slips = np.append(np.zeros(n), distances[moved, near])
     moved = np.append(np.arange(n), moved)
     rows = contact_rows(r, np.concatenate([nhat_OC, surface.nhat_OQ[near]]), longest_arm(r))
+    rows = rows.reshape(-1, 7, 3, 1)
     order, bounds = np.argsort(moved, kind="stable"), np.empty(len(moved))
     contacts, ends = np.arange(n), np.searchsorted(moved[order], np.arange(n + 1))
     write_margins(contacts, np.ones(n, bool), ends, order, rows[:n], rows, float(friction), bounds)
@@ -190,12 +210,12 @@ class MarginWeights:
     def __init__(self, surface: ObjectSurface, friction: float, *, slips: bool) -> None:
         self._surface, self._friction, self._slips = surface, friction, slips
         self._arm, q = surface.longest_lever_arm, surface.p_OQ - surface.p_OCoM
-        self._P_Q = contact_rows(q, np.array(surface.nhat_OQ), self._arm)
+        self._P_Q = contact_rows(q, np.array(surface.nhat_OQ), self._arm).reshape(-1, 7, 3, 1)
 
     def __call__(self, selection: SelectionInput, members: Members, b: FloatArray) -> None:
         """See `WriteWeights`."""
         r, nhat = selection.p_OC - self._surface.p_OCoM, selection.project(selection.p_OC)[1]
-        P_C = contact_rows(r, nhat, self._arm)
+        P_C = contact_rows(r, nhat, self._arm).reshape(-1, 7, 3, 1)
         contacts, active, _, ends, candidates, _, _ = members
         common, N = (P_C, self._P_Q, self._friction), len(self._P_Q)
         if not self._slips:
