@@ -16,6 +16,7 @@ from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.solids import BallSolid, Solid
 from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
 from drake_pregrasp.regions.finger_reach import FingerReach
+from drake_pregrasp.regions.independent_regions import slip_radii_within
 
 _HALF_TURN = 3.1416  # Largest angle between two directions, in radians.
 
@@ -183,11 +184,12 @@ class LimitsConfig:
             period: Seconds between planning ticks.
             friction: Coulomb's coefficient, for the guards of force closure.
         """
-        steps = [self.max_step, self.max_speed * period]
+        steps, radius = [self.max_step, self.max_speed * period], self.independent_radius
+        slip_radii = fast_slip_radii() if radius > 0 else slip_radii_within  # Compiled if needed.
         return ContactLimits(
             max_step=min((step for step in steps if step > 0), default=np.inf),
             deadband=self.deadband,
             pairs=tuple(self.pairs),
             recover=self.recover,
-            guard=guard_measure(self.guard, friction, self.independent_radius, fast_slip_radii()),
+            guard=guard_measure(self.guard, friction, radius, slip_radii),
         )

@@ -9,7 +9,7 @@ these return the reference, or None for it.
 | `labels` | `regions.safe_regions.label_candidates` |
 | `predicates` | `regions.constraints.Predicates.limits_at` |
 | `projection` | `geometry.surface.ObjectSurface.project` and `project_into` |
-| `weights`, `spectra`, `margins`, `goals` | `contacts.centroids.region_goals` and `best_points` |
+| `goals`, `closed_forms`, `spectra`, `margins` | `contacts.centroids.region_goals`, `best_points` |
 | `margins` | `regions.independent_regions.slip_radii_within` |
 | `pose_steps` | `estimation.pose_filter.filter_step` |
 
@@ -30,21 +30,22 @@ Only what is left is tested for all candidates of the block at once, most often 
 half-spaces in a few blocks at the boundaries of regions. Of 2,000 obstacle points, too, a block
 tests only those nearby.
 
-**Reasons.** A region that comes out tiny has its cell counted in the same call: for each limit, how
-many candidates of the cell it excludes. Blocks without candidates of the cell are skipped.
+**Reasons.** If regions come out tiny, their cells are counted by the same function, called once
+more: for each limit, how many candidates of the cell it excludes.
 
 **Projection.** The same blocks bound the distance to the patches, and balls around triangles bound
 the distance to each triangle.
 
 **Weights.** Measures of the complete grasp matrix have closed forms or converge in a few Newton
-steps (see `weights`), those of other contact models come from Jacobi rotations (see `spectra`), and
-the margin solves one 7 x 7 system for each place (see `margins`). Candidates of a
+steps (see `closed_forms`), those of other contact models come from Jacobi rotations (see
+`spectra`), and the margin solves one 7 x 7 system for each place (see `margins`). Candidates of a
 region are copied next to each other, and loops run over many of them without branches, so that the
 compiler makes vector instructions of them. Blends add up the weights of their strategies.
 
 **Compilation.** Functions with signatures are compiled when they are imported, that is when a
-system is made, never in a tick. They use single elements of arrays, since array expressions take
-many times as long to compile.
+system is made, never in a tick; only the strategies that a planner has are imported. Functions
+without signatures become part of these. They use single elements of arrays, since array expressions
+take many times as long to compile. An argument that is a literal makes a further version.
 """
 
 import functools

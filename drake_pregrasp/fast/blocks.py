@@ -35,19 +35,23 @@ class Blocks:
         nhat: Outward unit normals at the candidates, shape (N, 3).
 
     Attributes:
+        points: The candidate points as given.
         q: Candidates in the order of the blocks, shape (d, N), in metres.
         nhat: Their outward unit normals, shape (3, N).
         order: Index of the candidate at each place of the blocks, shape (N,).
         starts: First place of each block, and N, shape (B + 1,).
+        largest: Largest size of a coordinate, in metres.
         boxes: Midpoints and half edge lengths of the blocks' boxes, mean normals, and the radii of
             balls around both, shape (B, 2d + 5).
     """
 
     def __init__(self, q: FloatArray, nhat: FloatArray) -> None:
         blocks = compact_blocks(q)
+        self.points = q
         self.order: IntArray = np.concatenate(blocks)
         self.starts = np.cumsum([0, *map(len, blocks)])
         q, nhat = q[self.order], nhat[self.order]
+        self.largest = float(np.max(np.abs(q)))
         self.q, self.nhat = np.ascontiguousarray(q.T), np.ascontiguousarray(nhat.T)
         low, high, turned_low, turned_high = (
             bound.reduceat(values, self.starts[:-1])

@@ -26,18 +26,24 @@ register("numba:compile", _Announcement())
 
 
 def compiled(signature: str | None = None) -> Callable[[Callable[..., Any]], Any]:
-    """Returns a decorator that compiles a function with numba and keeps the code on disk.
+    """Returns a decorator that compiles a function with numba.
 
-    With a signature, it is compiled or loaded when it is defined, so that no tick waits for it.
+    With a signature, it is compiled or loaded when it is defined, so that no tick waits for it, and
+    its code is kept on disk. Without, it is compiled into the functions that call it, and cannot be
+    called from Python.
 
     Args:
         signature: Types of the result and the arguments, in numba's notation.
     """
+    options = {"error_model": "numpy", "no_cfunc_wrapper": True}
+    if signature is None:
+        inner: Callable[..., Any] = numba.njit(no_cpython_wrapper=True, **options)
+        return inner
 
     def compile_(function: Callable[..., Any]) -> Any:
         try:
-            return numba.njit(signature, cache=True, error_model="numpy")(function)
+            return numba.njit(signature, cache=True, **options)(function)
         except RuntimeError:  # Numba found no folder that it can write to.
-            return numba.njit(signature, error_model="numpy")(function)
+            return numba.njit(signature, **options)(function)
 
     return compile_

@@ -1,7 +1,5 @@
 """Labels of candidates in compact blocks, whose bounding boxes decide whole blocks at once."""
 
-import math
-
 import numpy as np
 
 from drake_pregrasp.arrays import IntArray
@@ -17,11 +15,11 @@ from drake_pregrasp.fast.predicates import (
     shared_arrays,
 )
 from drake_pregrasp.regions.constraints import NO_CAUSE, UNCONSTRAINED, Limit
-from drake_pregrasp.regions.safe_regions import NO_REGION, RegionBounds
+from drake_pregrasp.regions.safe_regions import NO_REGION, RegionBounds, limit_of_cell
 
 _SLACK = 1e-12  # Share of its terms by which a half-space must clear a box to decide it.
-_NONE, _CROWDED, _WALL = int(Limit.NONE), int(Limit.CROWDED), int(Limit.WALL)
-_NUM_LIMITS = len(Limit)
+_NONE, _NUM_LIMITS = int(Limit.NONE), len(Limit)
+_NO_WALLS = np.empty((0, 0), dtype=bool)
 
 
 @compiled()
@@ -110,78 +108,6 @@ def exclude(normals, bounds, j, c, q, start, stop, over, beyond):  # type: ignor
 
 
 @compiled()
-def limit_of_region(  # type: ignore[no-untyped-def]
-    i, blocks, cells, c, same_side, few, half_spaces, contact, shared, scratch, lists, out
-):
-    """Returns the limit that leaves a contact a tiny region, and its cause, as the reference does.
-
-    It counts the candidates of the cell that each limit excludes, in the blocks with such
-    candidates only, by the half-spaces and obstacles that do not permit the whole block.
-    The arguments are those of `label_blocks`, and its memory.
-    """
-    q, nhat, places, starts, boxes = blocks
-    normals, bounds, slack, limits, causes = half_spaces
-    solids, points, _, _, _ = shared
-    width = 2 + len(c) + len(solids) + len(points)  # More than the largest cause.
-    counts = np.zeros(_NUM_LIMITS * width, np.int64)  # By limit, then by cause, from -1 on.
-    by_points, beyond = counts.copy(), np.empty(BLOCK)
-    d, own, nearest, cell = len(q), 0, math.inf, NO_REGION
-    nearest_place = -1
-    for block in range(len(starts) - 1):
-        start, stop = starts[block], starts[block + 1]
-        here = 0
-        for k in range(start, stop):
-            here += cells[k] == i
-        own += here
-        if here < stop - start:
-            for k in range(start, stop):
-                if cells[k] != i:
-                    square = 0.0
-                    for axis in range(d):
-                        square += (q[axis, k] - c[i, axis]) ** 2
-                    if square < nearest or (square == nearest and places[k] < nearest_place):
-                        nearest, cell, nearest_place = square, cells[k], places[k]
-        if here == 0:
-            continue
-        cutting, near_lists = lists
-        over, reach, power = scratch
-        count = cutting_half_spaces(
-            normals, bounds, slack, c[i], boxes[block], over, reach, cutting, True
-        )
-        before = -1
-        for number in range(count + 1):
-            key = -1
-            if number < count:
-                key = limits[cutting[number]] * width + causes[cutting[number]] + 1
-            if key != before:
-                if before >= 0:
-                    for k in range(start, stop):
-                        counts[before] += beyond[k - start] > 0.0 and cells[k] == i
-                beyond[:] = 0.0
-                before = key
-            if number < count:
-                j = cutting[number]
-                exclude(normals, bounds, j, c[i], q, start, stop, power, beyond)
-        box = box_of(boxes[block], d)
-        near = near_obstacles(contact, box, shared, near_lists, over)
-        limits_of_block(i, contact, q, nhat, start, stop, shared, near, out)
-        for k in range(start, stop):
-            if cells[k] == i:
-                limit, cause = out[0][k - start], out[1][k - start]
-                if limit != _NONE:
-                    by_points[limit * width + cause + 1] += 1
-    best, most = 0, 0
-    for key in range(len(counts)):
-        count = max(counts[key], by_points[key])
-        if count > most:
-            best, most = key, count
-    if own < few or most == 0:
-        hidden = same_side.size > 0 and nearest_place >= 0 and not same_side[i, nearest_place]
-        return (_WALL, NO_CAUSE) if cell == NO_REGION or hidden else (_CROWDED, cell)
-    return best // width, best % width - 1
-
-
-@compiled()
 def count_of(labels, size, label):  # type: ignore[no-untyped-def]
     """Returns how many of the first labels are that one."""
     count = 0
@@ -190,106 +116,104 @@ def count_of(labels, size, label):  # type: ignore[no-untyped-def]
     return count
 
 
-@compiled()
-def box_of(row, d):  # type: ignore[no-untyped-def]
-    """Returns midpoint, mean normal, and the radii of both, of a block's row of `boxes`."""
-    return row[0], row[1], row[2], row[2 * d], row[2 * d + 1], row[2 * d + 2], row[-2], row[-1]
-
-
 @compiled(
-    "Tuple((i8[::1], i8[::1], i8[::1]))"
-    "(Tuple((f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[:,::1])), f8[:,::1], f8[::1], f8,"
-    " Tuple((f8[:,:,::1], f8[:,::1], i8[::1], i8[::1])), b1[:,::1], f8[:,::1],"
-    f" {SHARED})"
+    "Tuple((i8[::1], i8[::1], i8[::1], i8[:,:,::1]))"
+    "(Tuple((f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[:,::1], f8)), f8[:,::1], f8[::1],"
+    f" Tuple((f8[:,:,::1], f8[:,::1], i8[::1])), b1[:,::1], f8[:,::1], {SHARED}, b1[::1], i8)"
 )
-def label_blocks(blocks, c, h, few, half_spaces, same_side, contacts, shared):  # type: ignore[no-untyped-def]
-    """Returns labels in the order of the candidates, limits and causes, as `label_candidates`.
+def label_blocks(  # type: ignore[no-untyped-def]
+    blocks, c, h, half_spaces, same_side, contacts, shared, is_asked, num_keys
+):
+    """Returns labels and cells of the candidates, the sizes of regions, and counts for reasons.
 
     Loops run along one array at a time, so that the compiler makes vector instructions of them.
 
     Args:
-        blocks: Attributes of `Blocks`: q, nhat, order, starts and boxes.
+        blocks: Attributes of `Blocks`: q, nhat, order, starts, boxes and largest.
         c: Contacts, shape (n, d), in metres.
         h: Weights h_i, shape (n,), in m²; -inf for lost fingers.
-        few: Number of candidates below which a region is tiny.
         half_spaces: Normals of the half-spaces, shape (n, d, m), in metres; their bounds for points
-            relative to the contact, shape (n, m), in m²; `Limit` and cause of each, shape (m,).
-            Those of one limit and cause are adjacent.
+            relative to the contact, shape (n, m), in m²; key of each, shape (m,), if it
+            is counted. Half-spaces of one key are adjacent.
         same_side: Candidates that no wall hides from each contact, shape (n, N), or empty for all.
         contacts: Rows of the contacts, as in `Predicates`.
         shared: What the contacts share; see `shared_arrays`.
+        is_asked: Mask of the contacts whose regions are asked for.
+        num_keys: Number of keys; 0 to compute the regions. Otherwise it is counted how many
+            candidates of the cell half-spaces and predicates exclude, by their keys.
+
+    Returns:
+        Labels and cells, shape (N,) each; sizes, shape (n,); counts, shape (n, 2, `num_keys`).
     """
-    (q, nhat, order, starts, boxes), (solids, points, _, _, hand) = blocks, shared
-    by_axis, bounds, by_limit, by_cause = half_spaces
+    (q, nhat, order, starts, boxes, largest), (solids, points, _, _, hand) = blocks, shared
+    by_axis, bounds, keys = half_spaces
     n, d, m = by_axis.shape
-    labels, cells = np.empty(q.shape[1], dtype=np.int64), np.empty(q.shape[1], dtype=np.int64)
-    owners, sizes = np.empty(BLOCK, dtype=np.int64), np.zeros(n, dtype=np.int64)
+    width, is_counting = num_keys // _NUM_LIMITS, num_keys > 0
+    labels, cells = np.empty_like(order), np.empty_like(order)
+    owners, out = np.empty(BLOCK, np.int64), (np.empty(BLOCK, np.int64), np.empty(BLOCK, np.int64))
+    sizes, counts = np.zeros(n, np.int64), np.zeros((n, 2, num_keys), np.int64)
     least, power, beyond = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
     most = max(m, len(points))
-    over, reach, cutting = np.empty(most), np.empty(most), np.empty(most + 1, dtype=np.int64)
+    over, reach, cutting = np.empty(most), np.empty(most), np.empty(most + 1, np.int64)
     near_lists = np.empty(len(solids), np.int64), np.empty(len(points), np.int64)
-    powers, which, everybody = np.empty(n), np.empty(n, dtype=np.int64), np.arange(n)
-    out = np.empty(BLOCK, dtype=np.int64), np.empty(BLOCK, dtype=np.int64), power
-    half_power, is_limited = np.empty(n), np.empty(n, dtype=np.bool_)
-    extent, slack = 0.0, np.empty((n, m))
+    powers, which, everybody = np.empty(n), np.empty(n, np.int64), np.arange(n)
+    half_power, extent, slack = np.empty(n), 0.0, np.empty((n, m))
     for i in range(n):
         square = 0.0
         for axis in range(d):
             square += c[i, axis] * c[i, axis]
             extent = max(extent, abs(c[i, axis]))
         half_power[i] = (square - h[i]) / 2.0  # Infinite for lost fingers.
-    for block in range(len(boxes)):
-        for axis in range(d):
-            extent = max(extent, abs(boxes[block, axis]) + boxes[block, d + axis])
-    extent *= 2.0
+    extent = 2.0 * max(extent, largest)
     for i in range(n):
-        is_limited[i] = any_positive(hand[4]) or not no_limits(contacts[i])
         for j in range(m):
             size = 0.0
             for axis in range(d):
                 size += abs(by_axis[i, axis, j])
             slack[i, j] = _SLACK * (abs(bounds[i, j]) + extent * size)
     for block in range(len(boxes)):
-        start, stop = starts[block], starts[block + 1]
+        start, stop, box = starts[block], starts[block + 1], boxes[block]
         places, size = order[start:stop], stop - start
         rivals = everybody
         if not same_side.size:  # A wall may hide the contact that is nearest to the box.
-            rivals = which[: contenders(c, half_power, boxes[block], extent, powers, which)]
+            rivals = which[: contenders(c, half_power, box, extent, powers, which)]
         own_cells(q, start, stop, c, half_power, same_side, places, owners, least, power, rivals)
-        for k in range(size):  # An assignment of a slice takes two seconds to compile.
-            cells[start + k] = owners[k]
+        for k in range(size):
+            cells[places[k]] = owners[k]
         for i in rivals:
-            if count_of(owners, size, i) == 0:
+            if not is_asked[i] or count_of(owners, size, i) == 0:
                 continue
+            normals, contact = by_axis[i], contacts[i]
             count = cutting_half_spaces(
-                by_axis[i], bounds[i], slack[i], c[i], boxes[block], over, reach, cutting, False
+                normals, bounds[i], slack[i], c[i], box, over, reach, cutting, is_counting
             )
-            beyond[:size] = 0.0
-            for j in cutting[:count]:
-                exclude(by_axis[i], bounds[i], j, c[i], q, start, stop, power, beyond)
+            beyond[:] = 0.0
+            for number in range(count):
+                j = cutting[number]
+                exclude(normals, bounds[i], j, c[i], q, start, stop, power, beyond)
+                is_last = number + 1 == count or keys[cutting[number + 1]] != keys[j]
+                if is_counting and is_last:
+                    for k in range(size):
+                        counts[i, 0, keys[j]] += (owners[k] == i) & (beyond[k] > 0.0)
+                        beyond[k] = 0.0
             for k in range(size):
                 owners[k] = NO_REGION if (owners[k] == i) & (beyond[k] > 0.0) else owners[k]
-            left = count_of(owners, size, i)
-            if left == 0 or not (is_limited[i] or len(solids) + len(points)):
-                sizes[i] += left
-                continue
-            near = near_obstacles(contacts[i], box_of(boxes[block], d), shared, near_lists, over)
-            if is_limited[i] or len(near[0]) + len(near[1]) > 0:
-                limits_of_block(i, contacts[i], q, nhat, start, stop, shared, near, out)
-                for k in range(size):
-                    owners[k] = NO_REGION if (owners[k] == i) & (out[0][k] != _NONE) else owners[k]
+            is_limited = any_positive(hand[4]) or not no_limits(contact)
+            if is_limited or len(solids) + len(points) > 0:
+                near = near_obstacles(contact, box, d, shared, near_lists, over)
+                if is_limited or len(near[0]) + len(near[1]) > 0:
+                    limits_of_block(i, contact, q, nhat, start, stop, shared, near, out, power)
+                    if is_counting:
+                        for k in range(size):
+                            key = out[0][k] * width + out[1][k] + 1
+                            counts[i, 1, key] += (owners[k] == i) & (out[0][k] != _NONE)
+                    for k in range(size):
+                        is_barred = (owners[k] == i) & (out[0][k] != _NONE)
+                        owners[k] = NO_REGION if is_barred else owners[k]
             sizes[i] += count_of(owners, size, i)
         for k in range(size):
             labels[places[k]] = owners[k]
-    limits, causes = np.full(n, _NONE), np.full(n, NO_CAUSE)
-    for i in range(n):
-        if sizes[i] < few and half_power[i] < np.inf:
-            own = by_axis[i], bounds[i], slack[i], by_limit, by_cause
-            scratch, lists = (over, reach, power), (cutting, near_lists)
-            limits[i], causes[i] = limit_of_region(
-                i, blocks, cells, c, same_side, few, own, contacts[i], shared, scratch, lists, out
-            )
-    return labels, limits, causes
+    return labels, cells, sizes, counts
 
 
 class CompactCandidates(Blocks):
@@ -302,22 +226,33 @@ class CompactCandidates(Blocks):
             InvalidArgumentError: If the bounds are for another number of candidates or coordinates.
         """
         c, planes, predicates = bounds.c, bounds.half_spaces, bounds.predicates
+        n = len(c)
         if predicates is None:
-            predicates = UNCONSTRAINED.predicates(len(c))
-        by_axis = np.ascontiguousarray(planes.normals.swapaxes(1, 2))
-        seen = np.empty((0, 0), dtype=bool) if bounds.same_side is None else bounds.same_side
+            predicates = UNCONSTRAINED.predicates(n)
         if (bounds.num_candidates, c.shape[1]) != self.q.shape[::-1]:
             raise InvalidArgumentError(
                 f"{len(self.order)} candidates were expected, not {bounds.num_candidates}"
             )
-        result: tuple[IntArray, IntArray, IntArray] = label_blocks(
-            (self.q, self.nhat, self.order, self.starts, self.boxes),
-            np.array(c, dtype=float, order="C"),
-            np.array(bounds.h, dtype=float, order="C"),
-            bounds.few,
-            (by_axis, np.ascontiguousarray(planes.bounds), planes.limits, planes.causes),
-            np.array(seen, dtype=bool, order="C"),
-            predicates.contacts,
-            shared_arrays(predicates),
-        )
-        return result
+        by_axis = np.ascontiguousarray(planes.normals.swapaxes(1, 2))
+        seen = _NO_WALLS if bounds.same_side is None else np.array(bounds.same_side, dtype=bool)
+        h = np.array(bounds.h, dtype=float, order="C")
+        tests = seen, predicates.contacts, shared_arrays(predicates)
+        blocks = self.q, self.nhat, self.order, self.starts, self.boxes, self.largest
+        arguments = blocks, np.array(c, dtype=float, order="C"), h
+        numbers, is_there = (by_axis, np.ascontiguousarray(planes.bounds)), h > -np.inf
+        regions = label_blocks(*arguments, (*numbers, planes.causes), *tests, is_there, 0)
+        labels, cells, sizes, _ = regions
+        limits, causes = np.full(n, int(Limit.NONE)), np.full(n, NO_CAUSE)
+        is_tiny = is_there & (sizes < bounds.few)
+        if is_tiny.any():
+            width = 2 + n + len(predicates.solids) + len(predicates.points)  # Causes from -1 on.
+            keys, num_keys = planes.limits * width + planes.causes + 1, len(Limit) * width
+            regions = label_blocks(*arguments, (*numbers, keys), *tests, is_tiny, num_keys)
+            counts = regions[3].max(axis=1)
+            for i in np.flatnonzero(is_tiny).tolist():
+                key = int(np.argmax(counts[i]))
+                if counts[i, key] == 0 or np.count_nonzero(cells == i) < bounds.few:
+                    limits[i], causes[i] = limit_of_cell(i, self.points, cells, bounds)
+                else:
+                    limits[i], causes[i] = key // width, key % width - 1
+        return labels, limits, causes

@@ -10,27 +10,22 @@ import math
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.fast.compiling import compiled
+from drake_pregrasp.fast.goals import Members
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.quality.force_closure import CONE_EDGES, GRAM_RANK_TOLERANCE, longest_arm
+from drake_pregrasp.quality.force_closure import (
+    CONE_EDGES,
+    GRAM_RANK_TOLERANCE,
+    longest_arm,
+)
 from drake_pregrasp.regions.independent_regions import LEAST_MARGIN, slip_radii
 
 GROUP = 64
 """Largest number of places in a group."""
 
 _DIAGONAL = math.sqrt(0.5)
-
-
-@compiled()
-def add_gram(P, friction, M):  # type: ignore[no-untyped-def]
-    """Adds P (E Eᵀ) Pᵀ of one contact, with P of shape (7, 3, 1), to the lower triangle of M."""
-    across = CONE_EDGES / 2 * friction * friction
-    for a in range(7):
-        for b in range(a + 1):
-            tangential = P[a, 1, 0] * P[b, 1, 0] + P[a, 2, 0] * P[b, 2, 0]
-            M[a, b] += CONE_EDGES * P[a, 0, 0] * P[b, 0, 0] + across * tangential
 
 
 @compiled()
@@ -72,10 +67,12 @@ def group_margins(gram, P_C, others, P, friction, size, M, y, components, least,
         components: Memory, shape (3, `GROUP`).
         least: Memory, shape (`GROUP`,).
         spans: Memory of the same shape, for the largest element.
-        b: Result, shape (`GROUP`,).
+        b: Result, shape (`size`,) or longer.
     """
     across = CONE_EDGES / 2 * friction * friction
-    spans[:], b[:] = 0.0, 1.0 if len(others) > 1 else 0.0  # Two fingers never span all wrenches.
+    spans[:] = 0.0
+    for k in range(size):
+        b[k] = 1.0 if len(others) > 1 else 0.0  # Two fingers never span all wrenches.
     for i in range(7):
         for j in range(i + 1):
             same = gram[i, j]
@@ -115,45 +112,44 @@ def group_margins(gram, P_C, others, P, friction, size, M, y, components, least,
         b[k] = bound if b[k] > 0.0 else -1.0
 
 
-@compiled("f8[::1](i8[::1], i8[::1], b1[::1], f8[:,:,:,::1], f8[:,::1], f8)")
-def hand_margins(contacts, labels, active, P_C, P_Q, friction):  # type: ignore[no-untyped-def]
-    """Returns `hand_margin` of the contacts at each candidate of their regions, shape (N,).
+@compiled("void(i8[::1], b1[::1], i8[::1], i8[::1], f8[:,:,:,::1], f8[:,:,:,::1], f8, f8[::1])")
+def write_margins(contacts, active, ends, candidates, P_C, P_Q, friction, b):  # type: ignore[no-untyped-def]
+    """Writes `hand_margin` of the contacts at each candidate of their regions.
 
     Args:
-        contacts: Indices of the contacts that move, shape (k,).
-        labels: Region of each candidate, shape (N,).
-        active: Mask of the contacts that take part in the grasp, shape (n,).
+        contacts: As the next three, part of `Members`.
+        active: Mask of the active contacts.
+        ends: Ends of the regions.
+        candidates: Indices of the candidates.
         P_C: P of each contact, shape (n, 7, 3, 1).
-        P_Q: P of a contact at each candidate, shape (N, 21).
+        P_Q: P of a contact at each candidate, shape (N, 7, 3, 1).
         friction: Coulomb's coefficient.
+        b: Result, shape (M,).
     """
-    margins, members = np.zeros(len(labels)), np.empty(GROUP, np.int64)
     P, M, y = np.empty((7, 3, GROUP)), np.empty((7, 7, GROUP)), np.empty((7, GROUP))
-    components, least = np.empty((3, GROUP)), np.empty(GROUP)
-    spans, b = np.empty(GROUP), np.empty(GROUP)
+    components, least, spans = np.empty((3, GROUP)), np.empty(GROUP), np.empty(GROUP)
     gram, others = np.empty((7, 7)), np.empty(len(active), np.int64)
-    for i in contacts:
-        count, size = 0, 0
+    for region in range(len(contacts)):
+        count = 0
         gram[:] = 0.0
         for other in range(len(active)):
-            if active[other] and other != i:
-                add_gram(P_C[other], friction, gram)
+            if active[other] and other != contacts[region]:
+                p, across = P_C[other], CONE_EDGES / 2 * friction * friction
+                for i in range(7):
+                    for j in range(i + 1):
+                        gram[i, j] += CONE_EDGES * p[i, 0, 0] * p[j, 0, 0]
+                        gram[i, j] += across * (p[i, 1, 0] * p[j, 1, 0] + p[i, 2, 0] * p[j, 2, 0])
                 others[count] = other
                 count += 1
-        for j in range(len(labels)):
-            if labels[j] == i:
+        for start in range(ends[region], ends[region + 1], GROUP):
+            size = min(GROUP, ends[region + 1] - start)
+            for k in range(size):
+                j = candidates[start + k]
                 for a in range(7):
                     for column in range(3):
-                        P[a, column, size] = P_Q[j, 3 * a + column]
-                members[size] = j
-                size += 1
-            if size == GROUP or (size > 0 and j == len(labels) - 1):
-                own = others[:count]
-                group_margins(gram, P_C, own, P, friction, size, M, y, components, least, spans, b)
-                for k in range(size):
-                    margins[members[k]] = b[k]
-                size = 0
-    return margins
+                        P[a, column, k] = P_Q[j, a, column, 0]
+            own = others[:count], P, friction, size, M, y, components, least, spans, b[start:]
+            group_margins(gram, P_C, *own)
 
 
 @compiled("f8[:,::1](f8[:,:], f8[:,:], f8)")
@@ -193,15 +189,17 @@ def compiled_slip_radii(
     slips = np.append(np.zeros(n), distances[moved, near])
     moved = np.append(np.arange(n), moved)
     rows = contact_rows(r, np.concatenate([nhat_OC, surface.nhat_OQ[near]]), longest_arm(r))
-    P_C = rows[:n].reshape(n, 7, 3, 1)
-    bounds = hand_margins(np.arange(n), moved, np.ones(n, bool), P_C, rows, float(friction))
-    radii, is_open = np.full(n, float(radius)), bounds <= LEAST_MARGIN
+    rows = rows.reshape(-1, 7, 3, 1)
+    order, bounds = np.argsort(moved, kind="stable"), np.empty(len(moved))
+    contacts, ends = np.arange(n), np.searchsorted(moved[order], np.arange(n + 1))
+    write_margins(contacts, np.ones(n, bool), ends, order, rows[:n], rows, float(friction), bounds)
+    radii, is_open = np.full(n, float(radius)), order[bounds <= LEAST_MARGIN]
     np.minimum.at(radii, moved[is_open], slips[is_open])
     return radii
 
 
 class MarginWeights:
-    """Weights of the strategies `margin` and `independence`: a `GivenWeights` of `goals`.
+    """Weights of the strategies `margin` and `independence`: `WriteWeights`.
 
     Args:
         surface: The object's surface.
@@ -212,21 +210,19 @@ class MarginWeights:
     def __init__(self, surface: ObjectSurface, friction: float, *, slips: bool) -> None:
         self._surface, self._friction, self._slips = surface, friction, slips
         self._arm, q = surface.longest_lever_arm, surface.p_OQ - surface.p_OCoM
-        self._P_Q = contact_rows(q, np.array(surface.nhat_OQ), self._arm)
+        self._P_Q = contact_rows(q, np.array(surface.nhat_OQ), self._arm).reshape(-1, 7, 3, 1)
 
-    def __call__(
-        self, selection: SelectionInput, contacts: IntArray, labels: IntArray, active: BoolArray
-    ) -> FloatArray:
-        """Returns the weights, shape (N,); see `GivenWeights`."""
+    def __call__(self, selection: SelectionInput, members: Members, b: FloatArray) -> None:
+        """See `WriteWeights`."""
         r, nhat = selection.p_OC - self._surface.p_OCoM, selection.project(selection.p_OC)[1]
         P_C = contact_rows(r, nhat, self._arm).reshape(-1, 7, 3, 1)
-        common = active, P_C, self._P_Q, self._friction
+        contacts, active, _, ends, candidates, _, _ = members
+        common, N = (P_C, self._P_Q, self._friction), len(self._P_Q)
         if not self._slips:
-            bounds: FloatArray = hand_margins(contacts, labels, *common)
-            return bounds
-        radii = np.zeros(len(labels))
-        for i in contacts:
-            is_closed = hand_margins(i[None], np.full_like(labels, i), *common) > LEAST_MARGIN
-            members = selection.regions.members(i)
-            radii[members] = slip_radii(self._surface, is_closed, members)
-        return radii
+            write_margins(contacts, active, ends, candidates, *common, b)
+            return
+        bounds, everywhere = np.empty(N), (np.array([0, N]), np.arange(N))
+        for k, i in enumerate(contacts):
+            write_margins(i[None], active, *everywhere, *common, bounds)
+            own = slice(ends[k], ends[k + 1])
+            b[own] = slip_radii(self._surface, bounds > LEAST_MARGIN, candidates[own])

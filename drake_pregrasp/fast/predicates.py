@@ -103,7 +103,7 @@ def finger_measures_of(finger, hand, tip, nhat):  # type: ignore[no-untyped-def]
 
 
 @compiled()
-def limits_of_block(i, contact, q, nhat, start, stop, shared, near, out):  # type: ignore[no-untyped-def]
+def limits_of_block(i, contact, q, nhat, start, stop, shared, near, out, gaps):  # type: ignore[no-untyped-def]
     """Writes the limit and cause of points for one contact, as `Predicates.limits_at`.
 
     Loops run over many points without branches, so that the compiler makes vector instructions.
@@ -117,9 +117,10 @@ def limits_of_block(i, contact, q, nhat, start, stop, shared, near, out):  # typ
         stop: End of the points.
         shared: What the contacts share; see `shared_arrays`.
         near: Indices of the solids and of the obstacle points to be tested, ascending.
-        out: Limits and causes, which are written, and memory for a number of each point.
+        out: Limits and causes, which are written, shape (stop - start,) or more each.
+        gaps: Memory for a number of each point.
     """
-    (solids, points, clearance, standoff, hand), (limits, causes, gaps) = shared, out
+    (solids, points, clearance, standoff, hand), (limits, causes) = shared, out
     x, y, z, size = q[0, start:stop], q[1, start:stop], q[2, start:stop], stop - start
     nx, ny, nz = nhat[0, start:stop], nhat[1, start:stop], nhat[2, start:stop]
     limits[:size], causes[:size] = _NONE, NO_CAUSE
@@ -175,7 +176,7 @@ def limits_of_block(i, contact, q, nhat, start, stop, shared, near, out):  # typ
 
 
 @compiled()
-def near_obstacles(contact, box, shared, lists, gaps):  # type: ignore[no-untyped-def]
+def near_obstacles(contact, box, d, shared, lists, gaps):  # type: ignore[no-untyped-def]
     """Returns the indices of solids and obstacle points that tips may touch from a box of points.
 
     Distances change no faster than points. Tips that touch points of the box are near the tip that
@@ -183,12 +184,14 @@ def near_obstacles(contact, box, shared, lists, gaps):  # type: ignore[no-untype
 
     Args:
         contact: Row of the contact.
-        box: Midpoint of the points (3), of their normals (3), and the radii of both.
+        box: Row of the block in `Blocks.boxes`.
+        d: Number of coordinates of the points.
         shared: What the contacts share; see `shared_arrays`.
         lists: Memory for the indices of all solids, and for those of all obstacle points.
         gaps: Memory for a number of each point.
     """
-    (x, y, z, nx, ny, nz, size, turn), (solids, points, clearance, standoff, _) = box, shared
+    x, y, z, nx, ny, nz = box[0], box[1], box[2], box[2 * d], box[2 * d + 1], box[2 * d + 2]
+    size, turn, (solids, points, clearance, standoff, _) = box[-2], box[-1], shared
     radius, (near_solids, near_points) = contact[RADIUS], lists
     room = (radius + clearance + size + (radius + standoff) * turn) * _ABOVE
     shares = _SHARES if standoff > 0.0 else 1
@@ -220,40 +223,42 @@ def no_limits(contact):  # type: ignore[no-untyped-def]
     return unlimited and not any_positive(contact[_CLOSED:])
 
 
-@compiled(f"Tuple((i8[::1], i8[::1]))(f8[:,::1], {SHARED}, i8[::1], f8[:,::1], f8[:,::1])")
+@compiled(f"i8[:,::1](f8[:,::1], {SHARED}, i8[::1], f8[:,::1], f8[:,::1])")
 def limits_of_points(contacts, shared, which, q, nhat):  # type: ignore[no-untyped-def]
     """Returns the limit and cause of each point for its contact, as `Predicates.limits_at`."""
     solids, points, _, _, _ = shared
-    limits, causes = np.empty(len(which), dtype=np.int64), np.empty(len(which), dtype=np.int64)
+    found = np.empty((2, len(which)), np.int64)
     near, gaps = (np.arange(len(solids)), np.arange(len(points))), np.empty(1)
     for k in range(len(which)):
-        out = limits[k:], causes[k:], gaps
         i = which[k]
-        limits_of_block(i, contacts[i], q, nhat, k, k + 1, shared, near, out)
-    return limits, causes
+        out = found[0, k:], found[1, k:]
+        limits_of_block(i, contacts[i], q, nhat, k, k + 1, shared, near, out, gaps)
+    return found
 
 
-@compiled(f"f8[::1]({_HAND}, i8, f8[::1], i8[::1], f8[:,::1], f8[:,::1])")
-def weights_by_measure(hand, measure, radii, labels, q, nhat):  # type: ignore[no-untyped-def]
-    """Returns a measure of the finger in whose region each candidate is, as `finger_measure`.
+@compiled(f"void({_HAND}, i8, f8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[::1])")
+def write_finger_measures(hand, measure, radii, contacts, ends, candidates, q, nhat, b):  # type: ignore[no-untyped-def]
+    """Writes a measure of the finger in whose region each candidate is, as `finger_measure`.
 
     Args:
         hand: Attributes of the hand's `FingerMeasures`; see `numbers_of`.
         measure: Index of the measure.
         radii: Radius of each fingertip, in metres.
-        labels: Index of the finger of each candidate; below 0 for none.
-        q: Candidates in O, in metres.
+        contacts: As the next two, part of `Members`.
+        ends: Ends of the regions.
+        candidates: Indices of the candidates.
+        q: All candidates in O, in metres.
         nhat: Their outward unit normals.
+        b: Result, shape (M,).
     """
-    weights = np.zeros(len(q))
-    for n in range(len(q)):
-        i, normal = labels[n], (nhat[n, 0], nhat[n, 1], nhat[n, 2])
-        if i >= 0:
-            x, y, z = normal
+    for region in range(len(contacts)):
+        i = contacts[region]
+        for k in range(ends[region], ends[region + 1]):
+            n = candidates[k]
+            x, y, z = nhat[n, 0], nhat[n, 1], nhat[n, 2]
             tip = (q[n, 0] + radii[i] * x, q[n, 1] + radii[i] * y, q[n, 2] + radii[i] * z)
-            value = finger_measures_of(i, hand, tip, normal)[measure]
-            weights[n] = 0.0 if math.isnan(value) else value
-    return weights
+            value = finger_measures_of(i, hand, tip, (x, y, z))[measure]
+            b[k] = 0.0 if math.isnan(value) else value
 
 
 def shared_arrays(predicates: Predicates) -> tuple[Any, ...]:
@@ -281,11 +286,11 @@ def compiled_limits_at(
     predicates: Predicates, contacts: IntArray, points: FloatArray, normals: FloatArray
 ) -> tuple[IntArray, IntArray]:
     """Returns the limit that keeps a contact from its point, and its cause; see `Predicates`."""
-    result: tuple[IntArray, IntArray] = limits_of_points(
+    limits, causes = limits_of_points(
         predicates.contacts,
         shared_arrays(predicates),
         np.array(contacts, dtype=np.int64),
         np.array(points.T, dtype=float, order="C"),
         np.array(normals.T, dtype=float, order="C"),
     )
-    return result
+    return limits, causes

@@ -182,14 +182,13 @@ class CompiledSurface(ObjectSurface):
         """See `ObjectSurface`."""
         if not all(map(len, candidates)):
             raise InvalidArgumentError("a point has no candidates to be projected onto")
-        labels = np.full(len(self.p_OQ), -1)
-        pairs = []
+        points, normals = np.empty((2, len(p_OP), 3))
         for k, own in enumerate(candidates):
-            labels[own] = k
-            which = np.full(1, k)
-            pairs.append(self.project_into_regions(p_OP[k : k + 1], which, labels))
-        points, normals = zip(*pairs, strict=True) if pairs else ((), ())
-        return np.reshape(points, (-1, 3)), np.reshape(normals, (-1, 3))
+            labels = np.zeros(len(self.p_OQ), dtype=np.int64)
+            labels[own] = 1
+            which, one = np.ones(1, dtype=np.int64), slice(k, k + 1)
+            points[one], normals[one] = self.project_into_regions(p_OP[one], which, labels)
+        return points, normals
 
     def project_into_regions(
         self, p_OP: FloatArray, which: IntArray, labels: IntArray

@@ -9,10 +9,11 @@ import math
 
 import numpy as np
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import MEASURES, RANK_TOLERANCE
 from drake_pregrasp.fast.compiling import compiled
+from drake_pregrasp.fast.goals import Members
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.grasp_quality import contact_blocks
 
@@ -77,73 +78,59 @@ def write_group(kind, M, size, cosines, sines, b):  # type: ignore[no-untyped-de
             b[k] = math.sqrt(least / most if kind == _GII else least)
 
 
-@compiled("f8[::1](i8, i8[::1], i8[::1], b1[::1], f8[:,::1], f8[:,::1])")
-def measures_of_grams(kind, contacts, labels, counts, grams_C, grams_Q):  # type: ignore[no-untyped-def]
-    """Returns a measure of contacts at each candidate of their regions, shape (N,).
+@compiled("void(i8, i8[::1], b1[::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[::1])")
+def write_measures(kind, contacts, active, ends, candidates, grams_C, grams_Q, b):  # type: ignore[no-untyped-def]
+    """Writes a measure of contacts at each candidate of their regions.
 
     Args:
         kind: Index of the measure in `MEASURES`.
         contacts: Indices of the contacts that move, shape (k,).
-        labels: Region of each candidate, shape (N,).
-        counts: Mask of the contacts that belong to the matrix, except the moved one, shape (n,).
+        active: Mask of the contacts that take part in the grasp, shape (n,).
+        ends: As the next one, part of `Members`.
+        candidates: Indices of the candidates.
         grams_C: Lower triangle of G_i G_iᵀ of each contact, shape (n, 21).
         grams_Q: The same of a contact at each candidate, shape (N, 21).
+        b: Result, shape (M,).
     """
-    result, members, b = np.zeros(len(labels)), np.empty(GROUP, np.int64), np.empty(GROUP)
     M, cosines, sines = np.empty((6, 6, GROUP)), np.empty(GROUP), np.empty(GROUP)
     others = np.empty(21)
-    for i in contacts:
+    for region in range(len(contacts)):
         others[:] = 0.0
-        for other in range(len(counts)):
-            if counts[other] and other != i:
+        for other in range(len(active)):
+            if active[other] and other != contacts[region]:
                 for element in range(21):
                     others[element] += grams_C[other, element]
-        size = 0
-        for j in range(len(labels)):
-            if labels[j] == i:
-                element = 0
-                for row in range(6):
-                    for column in range(row + 1):
-                        M[row, column, size] = others[element] + grams_Q[j, element]
-                        element += 1
-                members[size] = j
-                size += 1
-            if size == GROUP or (size > 0 and j == len(labels) - 1):
-                write_group(kind, M, size, cosines, sines, b)
-                for k in range(size):
-                    result[members[k]] = b[k]
-                size = 0
-    return result
+        for start in range(ends[region], ends[region + 1], GROUP):
+            size, element = min(GROUP, ends[region + 1] - start), 0
+            for row in range(6):
+                for column in range(row + 1):
+                    for k in range(size):
+                        own = grams_Q[candidates[start + k], element]
+                        M[row, column, k] = others[element] + own
+                    element += 1
+            write_group(kind, M, size, cosines, sines, b[start:])
 
 
 class MeasureWeights:
-    """Weights of a measure of the grasp matrix: a `GivenWeights` of `goals`.
+    """Weights of a measure of the grasp matrix: `WriteWeights`.
 
     Args:
         surface: The object's surface.
         name: Name of the measure in `MEASURES`.
-        reading: Reading of the grasp matrix.
         contact_model: Contact model of the grasp matrix.
         unit: Length by which the matrix divides lever arms, in metres.
     """
 
-    def __init__(
-        self, surface: ObjectSurface, name: str, reading: str, contact_model: str, unit: float
-    ) -> None:
+    def __init__(self, surface: ObjectSurface, name: str, contact_model: str, unit: float) -> None:
         self._surface, self._model, self._unit = surface, contact_model, unit
-        self._kind, self._counts_others = list(MEASURES).index(name), reading == "hand"
+        self._kind = list(MEASURES).index(name)
         self._grams_Q = self._grams(surface.p_OQ, surface.nhat_OQ)
 
-    def __call__(
-        self, selection: SelectionInput, contacts: IntArray, labels: IntArray, active: BoolArray
-    ) -> FloatArray:
-        """Returns the weights, shape (N,); see `GivenWeights`."""
+    def __call__(self, selection: SelectionInput, members: Members, b: FloatArray) -> None:
+        """See `WriteWeights`."""
         grams_C = self._grams(selection.p_OC, selection.project(selection.p_OC)[1])
-        counts = active & self._counts_others
-        b: FloatArray = measures_of_grams(
-            self._kind, contacts, labels, counts, grams_C, self._grams_Q
-        )
-        return b
+        contacts, active, _, ends, candidates, _, _ = members
+        write_measures(self._kind, contacts, active, ends, candidates, grams_C, self._grams_Q, b)
 
     def _grams(self, p_OC: FloatArray, nhat: FloatArray) -> FloatArray:
         """Returns the lower triangles of G_i G_iᵀ of n contacts, shape (n, 21)."""

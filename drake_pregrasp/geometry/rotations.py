@@ -23,7 +23,13 @@ def rotation_vector(R: FloatArray) -> FloatArray:
     Args:
         R: Rotation matrix, shape (3, 3).
     """
-    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
+    return np.array(rotation_components(*R.ravel().tolist()))
+
+
+def rotation_components(
+    a: float, b: float, c: float, d: float, e: float, f: float, g: float, h: float, i: float
+) -> tuple[float, float, float]:
+    """Returns the components of `rotation_vector` from the elements of R, row by row."""
     largest = max(a + e + i, a, e, i)
     if largest == a + e + i:
         w, x, y, z = 1 + a + e + i, h - f, c - g, d - b
@@ -38,7 +44,7 @@ def rotation_vector(R: FloatArray) -> FloatArray:
     sine = math.sqrt(x * x + y * y + z * z)  # Sine and cosine times the same factor.
     half = math.atan2(sine, w)
     scale = 2 * half / sine if sine > 0 else 0.0
-    return np.array([scale * x, scale * y, scale * z])
+    return scale * x, scale * y, scale * z
 
 
 def rotation_matrix(theta: FloatArray, *, order: int = 0) -> FloatArray:
@@ -53,28 +59,32 @@ def rotation_matrix(theta: FloatArray, *, order: int = 0) -> FloatArray:
         order: Order of the series, 0 or 1.
     """
     x, y, z = theta.tolist()
+    R: FloatArray = np.array(rotation_rows(x, y, z, order))
+    return R
+
+
+Row = tuple[float, float, float]
+"""A row of a matrix of shape (3, 3)."""
+
+
+def rotation_rows(x: float, y: float, z: float, order: int) -> tuple[Row, Row, Row]:
+    """Returns the rows of `rotation_matrix` from the components of theta."""
     square = x * x + y * y + z * z
     if square < SMALL**2:
-        coefficients = (
-            1 - square / 6 * (1 - square / 20 * (1 - square / 42)),
-            (1 - square / 12 * (1 - square / 30 * (1 - square / 56))) / 2,
-            (1 - square / 20 * (1 - square / 42 * (1 - square / 72))) / 6,
-        )
+        sinc = 1 - square / 6 * (1 - square / 20 * (1 - square / 42))
+        versine = (1 - square / 12 * (1 - square / 30 * (1 - square / 56))) / 2
+        third = (1 - square / 20 * (1 - square / 42 * (1 - square / 72))) / 6
     else:
         angle = math.sqrt(square)
         sine = math.sin(angle)
-        coefficients = (
-            sine / angle,
-            2 * math.sin(angle / 2) ** 2 / square,
-            (angle - sine) / (square * angle),
-        )
-    a, b = coefficients[order : order + 2]
-    return np.array(
-        [
-            [1 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y],
-            [b * x * y + a * z, 1 - b * (x * x + z * z), b * y * z - a * x],
-            [b * x * z - a * y, b * y * z + a * x, 1 - b * (x * x + y * y)],
-        ]
+        sinc = sine / angle
+        versine = 2 * math.sin(angle / 2) ** 2 / square
+        third = (angle - sine) / (square * angle)
+    a, b = (versine, third) if order else (sinc, versine)
+    return (
+        (1 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y),
+        (b * x * y + a * z, 1 - b * (x * x + z * z), b * y * z - a * x),
+        (b * x * z - a * y, b * y * z + a * x, 1 - b * (x * x + y * y)),
     )
 
 

@@ -309,9 +309,17 @@ def _limit_of_region(
         counts |= Counter(zip(barred.tolist(), barring.tolist(), strict=True))
         del counts[Limit.NONE, NO_CAUSE]
     if len(own) < bounds.few or not counts.total():
-        distances = np.where(cells == i, np.inf, np.sum((q - c[i]) ** 2, axis=1))
-        k = int(np.argmin(distances))
-        if cells[k] == NO_REGION or (bounds.same_side is not None and not bounds.same_side[i, k]):
-            return Limit.WALL, NO_CAUSE
-        return Limit.CROWDED, int(cells[k])
+        return limit_of_cell(i, q, cells, bounds)
     return min(counts, key=lambda key: (-counts[key], key))
+
+
+def limit_of_cell(i: int, q: FloatArray, cells: IntArray, bounds: RegionBounds) -> tuple[int, int]:
+    """Returns what ends the cell of a contact: the cell or wall of the nearest other candidate.
+
+    The arguments are those of `_limit_of_region`.
+    """
+    distances = np.where(cells == i, np.inf, np.sum((q - bounds.c[i]) ** 2, axis=1))
+    k = int(np.argmin(distances))
+    if cells[k] == NO_REGION or (bounds.same_side is not None and not bounds.same_side[i, k]):
+        return Limit.WALL, NO_CAUSE
+    return Limit.CROWDED, int(cells[k])

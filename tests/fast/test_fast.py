@@ -136,7 +136,7 @@ def frozen(array):
 
 @pytest.mark.parametrize("kind", [np.array, frozen, lambda a: np.repeat(a, 2, axis=0)[::2]])
 def test_no_tick_waits_for_the_compiler_whatever_arrays_it_meets(kind):
-    from drake_pregrasp.fast import labels, margins, predicates, projection, weights
+    from drake_pregrasp.fast import closed_forms, goals, labels, margins, predicates, projection
 
     surface, rng = CUBE, np.random.default_rng(0)
     p_OC = contacts(surface, 4, rng)
@@ -149,12 +149,14 @@ def test_no_tick_waits_for_the_compiler_whatever_arrays_it_meets(kind):
     np.testing.assert_array_equal(choose(selection, kind(np.arange(4))), plain)
     entries = (
         labels.label_blocks,
-        weights.weighted_goals,
+        goals.members_of,
+        goals.write_position,
+        goals.centroids,
+        closed_forms.write_measures,
         projection.projected,
         predicates.limits_of_points,
-        predicates.weights_by_measure,
-        margins.contact_rows,
-        margins.hand_margins,
+        predicates.write_finger_measures,
+        margins.write_margins,
     )
     for entry in entries:
         assert len(entry.signatures) == 1
