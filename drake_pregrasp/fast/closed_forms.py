@@ -82,7 +82,7 @@ def find_roots(sign, size, tau, b11, b1, b2, p11, p12, p22, roots, steps):  # ty
             above = p + math.sqrt(p * p + 4.0 * (1.0 + slope) * tau[k])
             x = 2.0 * tau[k] / (above if above > 0.0 else 1.0)
             found = above / (1.0 + slope) / 2.0 if sign > 0.0 else x
-            usable = (tau[k] > 0.75 * b11[k] * b11[k]) & (gap > 1e-3 * root) | (sign < 0.0)
+            usable = (gap > 1e-3 * root) | (sign < 0.0)
             step = abs(found - root) - _SETTLED * found
             steps[k] = step if usable & (steps[k] < np.inf) else np.inf
             roots[k] = found if steps[k] < np.inf else root
