@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from drake_pregrasp.arrays import IntArray
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.fast.blocks import BLOCK, Blocks
 from drake_pregrasp.fast.compiling import compiled
@@ -15,7 +14,12 @@ from drake_pregrasp.fast.predicates import (
     shared_arrays,
 )
 from drake_pregrasp.regions.constraints import NO_CAUSE, UNCONSTRAINED, Limit
-from drake_pregrasp.regions.safe_regions import NO_REGION, RegionBounds, limit_of_cell
+from drake_pregrasp.regions.safe_regions import (
+    NO_REGION,
+    Labelled,
+    RegionBounds,
+    limit_of_cell,
+)
 
 _SLACK = 1e-12  # Share of its terms by which a half-space must clear a box to decide it.
 _NONE, _NUM_LIMITS = int(Limit.NONE), len(Limit)
@@ -219,8 +223,8 @@ def label_blocks(  # type: ignore[no-untyped-def]
 class CompactCandidates(Blocks):
     """The candidates of a surface in compact blocks, and their labels; see `Blocks`."""
 
-    def label(self, bounds: RegionBounds) -> tuple[IntArray, IntArray, IntArray]:
-        """Returns labels, limits and causes, as `label_candidates` does for these candidates.
+    def label(self, bounds: RegionBounds) -> Labelled:
+        """Labels these candidates as `label_candidates` does.
 
         Raises:
             InvalidArgumentError: If the bounds are for another number of candidates or coordinates.
@@ -255,4 +259,4 @@ class CompactCandidates(Blocks):
                     limits[i], causes[i] = limit_of_cell(i, self.points, cells, bounds)
                 else:
                     limits[i], causes[i] = key // width, key % width - 1
-        return labels, limits, causes
+        return labels, sizes, limits, causes

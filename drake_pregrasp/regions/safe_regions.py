@@ -139,9 +139,13 @@ class RegionBounds:
     few: float
 
 
-LabelCandidates = Callable[[RegionBounds], tuple[IntArray, IntArray, IntArray]]
-"""Returns the region that each candidate of a surface lies in, or `NO_REGION`, shape (N,), and the
-`Limit` that leaves each contact an empty or tiny region, and its cause, shape (n,) each."""
+Labelled = tuple[IntArray, IntArray, IntArray, IntArray]
+"""The region that each candidate of a surface lies in, or `NO_REGION`, shape (N,); of each contact,
+the number of candidates in its region, the `Limit` that leaves it an empty or tiny region, and the
+cause of that, shape (n,) each."""
+
+LabelCandidates = Callable[[RegionBounds], Labelled]
+"""Labels the candidates of a surface; the reference is `label_candidates`."""
 
 
 def compute_safe_regions(
@@ -204,14 +208,14 @@ def compute_safe_regions(
     if label is None:
         nhat = constraints.nhat_OQ if len(constraints.nhat_OQ) else np.zeros((N, 3))
         label = partial(label_candidates, p_OQ, nhat)
-    labels, limits, causes = label(bounds)
-    return SafeRegions(labels, h == -np.inf, limits, causes, constraints)
+    labels, counts, limits, causes = label(bounds)
+    regions = SafeRegions(labels, h == -np.inf, limits, causes, constraints)
+    vars(regions)["counts"] = counts  # Fills the cached property.
+    return regions
 
 
-def label_candidates(
-    q: FloatArray, nhat: FloatArray, bounds: RegionBounds
-) -> tuple[IntArray, IntArray, IntArray]:
-    """Returns labels, limits and causes of regions; see `LabelCandidates`.
+def label_candidates(q: FloatArray, nhat: FloatArray, bounds: RegionBounds) -> Labelled:
+    """Labels candidates, and counts them by their region.
 
     The cells are the left side of Eq. 1. Subtracting |q|² and halving,
 
@@ -243,7 +247,7 @@ def label_candidates(
     counts = np.bincount(labels - NO_REGION, minlength=1 + n)[1:]
     for i in np.flatnonzero((counts < bounds.few) & (h > -np.inf)).tolist():
         limits[i], causes[i] = _limit_of_region(i, q, nhat, cells, bounds)
-    return labels, limits, causes
+    return labels, counts, limits, causes
 
 
 def point_half_spaces(
