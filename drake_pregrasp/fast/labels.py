@@ -147,7 +147,8 @@ def label_blocks(  # type: ignore[no-untyped-def]
             candidates of the cell half-spaces and predicates exclude, by their keys.
 
     Returns:
-        Labels and cells, shape (N,) each; sizes, shape (n,); counts, shape (n, 2, `num_keys`).
+        Labels and, if it is counted, cells, shape (N,) each; sizes, shape (n,); counts, shape
+            (n, 2, `num_keys`).
     """
     (q, nhat, order, starts, boxes, largest), (solids, points, _, _, hand) = blocks, shared
     by_axis, bounds, keys = half_spaces
@@ -182,15 +183,21 @@ def label_blocks(  # type: ignore[no-untyped-def]
         if not same_side.size:  # A wall may hide the contact that is nearest to the box.
             rivals = which[: contenders(c, half_power, box, extent, powers, which)]
         own_cells(q, start, stop, c, half_power, same_side, places, owners, least, power, rivals)
-        for k in range(size):
-            cells[places[k]] = owners[k]
+        if is_counting:
+            for k in range(size):
+                cells[places[k]] = owners[k]
         for i in rivals:
-            if not is_asked[i] or count_of(owners, size, i) == 0:
+            own = count_of(owners, size, i)
+            if not is_asked[i] or own == 0:
                 continue
             normals, contact = by_axis[i], contacts[i]
             count = cutting_half_spaces(
                 normals, bounds[i], slack[i], c[i], box, over, reach, cutting, is_counting
             )
+            is_limited = any_positive(hand[4]) or not no_limits(contact)
+            if count == 0 and not (is_limited or len(solids) + len(points) > 0):
+                sizes[i] += own
+                continue
             beyond[:] = 0.0
             for number in range(count):
                 j = cutting[number]
@@ -202,7 +209,6 @@ def label_blocks(  # type: ignore[no-untyped-def]
                         beyond[k] = 0.0
             for k in range(size):
                 owners[k] = NO_REGION if (owners[k] == i) & (beyond[k] > 0.0) else owners[k]
-            is_limited = any_positive(hand[4]) or not no_limits(contact)
             if is_limited or len(solids) + len(points) > 0:
                 near = near_obstacles(contact, box, d, shared, near_lists, over)
                 if is_limited or len(near[0]) + len(near[1]) > 0:
@@ -245,14 +251,14 @@ class CompactCandidates(Blocks):
         arguments = blocks, np.array(c, dtype=float, order="C"), h
         numbers, is_there = (by_axis, np.ascontiguousarray(planes.bounds)), h > -np.inf
         regions = label_blocks(*arguments, (*numbers, planes.causes), *tests, is_there, 0)
-        labels, cells, sizes, _ = regions
+        labels, _, sizes, _ = regions
         limits, causes = np.full(n, int(Limit.NONE)), np.full(n, NO_CAUSE)
         is_tiny = is_there & (sizes < bounds.few)
         if is_tiny.any():
             width = 2 + n + len(predicates.solids) + len(predicates.points)  # Causes from -1 on.
             keys, num_keys = planes.limits * width + planes.causes + 1, len(Limit) * width
             regions = label_blocks(*arguments, (*numbers, keys), *tests, is_tiny, num_keys)
-            counts = regions[3].max(axis=1)
+            cells, counts = regions[1], regions[3].max(axis=1)
             for i in np.flatnonzero(is_tiny).tolist():
                 key = int(np.argmax(counts[i]))
                 if counts[i, key] == 0 or np.count_nonzero(cells == i) < bounds.few:
