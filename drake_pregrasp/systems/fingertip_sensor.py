@@ -354,8 +354,7 @@ class FingertipSensor(LeafSystem):
         return measure(self._posed.Eval(context))
 
     def _calc_forces(self, context: Context) -> FloatArray:
-        actuation = validated_numbers(
-            self._actuation.Eval(context)
-        )  # One NaN makes all forces NaN.
+        # One NaN makes all forces NaN: the joints of others count times zero.
+        actuation = validated_numbers(self._actuation.Eval(context))
         measure = partial(self._hand.tip_forces, actuation=actuation)
         return self._measured(3 * len(self._hand.frames), measure, context)
