@@ -45,6 +45,13 @@ def given_regions(surface, *members, **constraints):
     return replace(regions, constraints=RegionConstraints(**constraints))
 
 
+def without_region(selection, contact):
+    """The same input, but the region of one contact is empty."""
+    labels = selection.regions.labels
+    labels = np.where(labels == contact, NO_REGION, labels)
+    return replace(selection, regions=replace(selection.regions, labels=labels))
+
+
 def spread_contacts(surface, n, distance, seed=0, first=()):
     """Random candidates that are apart, after some that are given."""
     chosen = list(first)

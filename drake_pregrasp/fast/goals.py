@@ -53,15 +53,13 @@ WriteWeights = Callable[[SelectionInput, Members, FloatArray], object]
 
 
 @compiled(
-    "Tuple((i8[::1], i8[::1], f8[:,::1], f8[::1]))"
-    "(i8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], f8[::1])"
+    "Tuple((i8[::1], i8[::1], f8[:,::1], f8[::1]))(i8[::1], i8[::1], i8[::1], f8[:,::1], f8[::1])"
 )
-def members_of(contacts, counts, places, labels, q, areas):  # type: ignore[no-untyped-def]
+def members_of(contacts, places, labels, q, areas):  # type: ignore[no-untyped-def]
     """Returns ends, candidates, q and areas of `Members`.
 
     Args:
         contacts: Indices of the contacts that move, shape (k,).
-        counts: Number of candidates in each region, shape (n,).
         places: Memory for a number of each contact, shape (n + 1,).
         labels: Region of each candidate, shape (N,).
         q: Lever arms of the candidates, shape (N, 3), in units of length.
@@ -72,7 +70,11 @@ def members_of(contacts, counts, places, labels, q, areas):  # type: ignore[no-u
         places[i] = -1  # The last one, too, is that of the label of no region.
     for k in range(len(contacts)):
         places[contacts[k]] = k
-        ends[k + 1] = ends[k] + counts[contacts[k]]
+    for label in labels:
+        if places[label] >= 0:
+            ends[places[label] + 1] += 1
+    for k in range(len(contacts)):
+        ends[k + 1] += ends[k]
     size, filled = ends[-1], ends.copy()
     candidates, own_q, own_areas = np.empty(size, np.int64), np.empty((3, size)), np.empty(size)
     for j in range(len(labels)):
@@ -270,8 +272,7 @@ class CompiledGoals:
         active = np.array(selection.active, dtype=bool)
         r = np.array(selection.p_OC - self._surface.p_OCoM, dtype=float, order="C") / self._unit
         places = np.empty(len(active) + 1, dtype=np.int64)
-        counts = selection.regions.counts
-        own = members_of(contacts, counts, places, labels, self._q, self._areas)
+        own = members_of(contacts, places, labels, self._q, self._areas)
         members = Members(contacts, active, r, *own)
         b = np.empty((1 + len(self._strategies), len(members.areas)))
         for write, row in zip(self._strategies, b, strict=False):

@@ -18,6 +18,7 @@ from selections import (
     spread_contacts,
     tracking_goals,
     wander,
+    without_region,
 )
 from thin_cup import CUP, RADIUS, WALL
 
@@ -31,7 +32,6 @@ from drake_pregrasp.geometry.shapes import box_shape, cylinder_shape
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.regions.constraints import Limit, Obstacles
 from drake_pregrasp.regions.finger_reach import FingerReach
-from drake_pregrasp.regions.safe_regions import NO_REGION
 from drake_pregrasp.regions.walls import normals_agree
 
 CAN = mesh_surface(
@@ -180,8 +180,7 @@ def test_pairs_keep_their_distance_when_one_of_them_has_to_leave():
 
 def test_a_pair_whose_distance_cannot_be_met_stays():
     p_OC = paired_contacts(BALL, 3)
-    chosen = selection_of(BALL, p_OC)
-    chosen.regions.labels[chosen.regions.labels == 1] = NO_REGION  # The second cannot follow.
+    chosen = without_region(selection_of(BALL, p_OC), 1)  # The second cannot follow.
     free, goals = (
         select_contacts(chosen, position_tracking, limits=ContactLimits(pairs=pairs)).p_OC
         for pairs in ((), (PAIR,))
@@ -358,8 +357,7 @@ def test_without_recovery_it_stays():
     reach = [None, FingerReach(BallSolid(-start, 0.02)), None, None]
     for recover in (False, True):
         for _ in range(4):  # Around the ball: no step leads to surface that faces the other way.
-            chosen = selection_of(BALL, p_OC, reach=reach)
-            chosen.regions.labels[chosen.regions.labels == 1] = NO_REGION
+            chosen = without_region(selection_of(BALL, p_OC, reach=reach), 1)
             limits = ContactLimits(recover=recover)
             goals = select_contacts(chosen, position_tracking, limits=limits)
             assert not goals.active[1]
