@@ -92,6 +92,7 @@ def test_an_interrupted_run_keeps_its_log_and_says_so(tmp_path, number):
         deadline = time.monotonic() + 60
         while time.monotonic() < deadline and not (log.exists() and log.stat().st_size > 5000):
             time.sleep(0.05)
+        assert log.stat().st_size > 5000  # Rows do not wait for the end.
         process.send_signal(number)
         output, _ = process.communicate(timeout=60)
     assert process.returncode == 130

@@ -44,8 +44,9 @@ compiler makes vector instructions of them. Blends add up the weights of their s
 
 **Compilation.** Functions with signatures are compiled when they are imported, that is when a
 system is made, never in a tick; only the strategies that a planner has are imported. Functions
-without signatures become part of these. They use single elements of arrays, since array expressions
-take many times as long to compile. An argument that is a literal makes a further version.
+without signatures become part of those that call them. All use single elements of arrays, since
+array expressions take many times as long to compile. A literal argument makes numba compile a
+function once more.
 """
 
 import functools

@@ -212,7 +212,8 @@ class CompleteMeasure:
         if write_measures(self._kind, contacts, active, r, ends, q, b):
             places = np.flatnonzero(b < 0)
             i = contacts[np.searchsorted(ends, places, side="right") - 1]
-            G_C, G_Q = (contact_blocks(p, None, "complete") for p in (r, q.T[places]))
+            known = np.where(active[:, None], r, 0.0)  # Others may be NaN.
+            G_C, G_Q = (contact_blocks(p, None, "complete") for p in (known, q.T[places]))
             grams = active[:, None, None] * (G_C @ G_C.swapaxes(1, 2))
             others = np.sum(grams, axis=0) - grams[i]
             b[places] /= -np.sqrt(np.linalg.eigvalsh(others + G_Q @ G_Q.swapaxes(1, 2))[:, -1])

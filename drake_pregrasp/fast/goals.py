@@ -280,7 +280,7 @@ class CompiledGoals:
         ends, _, q, areas = own
         goals: FloatArray = centroids(*self._settings, ends, q, areas, b[:-1], b[-1])
         goals = goals * self._unit + self._surface.p_OCoM
-        if self._settings[-1]:  # They are candidates.
+        if self._settings[-1]:  # They are candidates, up to rounding.
             return goals
         return self._surface.project_into_regions(goals, contacts, labels)[0]
 

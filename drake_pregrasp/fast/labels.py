@@ -137,8 +137,8 @@ def label_blocks(  # type: ignore[no-untyped-def]
         c: Contacts, shape (n, d), in metres.
         h: Weights h_i, shape (n,), in m²; -inf for lost fingers.
         half_spaces: Normals of the half-spaces, shape (n, d, m), in metres; their bounds for points
-            relative to the contact, shape (n, m), in m²; key of each, shape (m,), if it
-            is counted. Half-spaces of one key are adjacent.
+            relative to the contact, shape (n, m), in m²; key of each, shape (m,), which
+            only counting uses. Half-spaces of one key are adjacent.
         same_side: Candidates that no wall hides from each contact, shape (n, N), or empty for all.
         contacts: Rows of the contacts, as in `Predicates`.
         shared: What the contacts share; see `shared_arrays`.
@@ -147,7 +147,7 @@ def label_blocks(  # type: ignore[no-untyped-def]
             candidates of the cell half-spaces and predicates exclude, by their keys.
 
     Returns:
-        Labels and, if it is counted, cells, shape (N,) each; sizes, shape (n,); counts, shape
+        Labels; cells, which only counting writes, shape (N,) each; sizes, shape (n,); counts, shape
             (n, 2, `num_keys`).
     """
     (q, nhat, order, starts, boxes, largest), (solids, points, _, _, hand) = blocks, shared

@@ -318,7 +318,11 @@ class GraspState:
 @functools.lru_cache(maxsize=4)  # The state of most ticks is that of the tick before.
 def _unpacked(data: bytes) -> GraspState:
     vector = np.frombuffer(data)
-    return _unpacker(len(vector))(vector)
+    state = _unpacker(len(vector))(vector)
+    for value in vars(state).values():
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False
+    return state
 
 
 @functools.cache

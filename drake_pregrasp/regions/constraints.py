@@ -88,7 +88,7 @@ class Obstacles:
 
     @staticmethod
     def known(**attributes: Any) -> "Obstacles":
-        """Returns obstacles with attributes that need no check; `rows` among them is not made."""
+        """Returns obstacles without checks. `rows` may be given, and is then not computed."""
         vars(obstacles := object.__new__(Obstacles)).update(attributes)
         return obstacles
 

@@ -32,6 +32,8 @@ class HalfSpaces:
 def counted(limit: Limit, count: int, first: int = 0) -> tuple[IntArray, IntArray]:
     """Returns the `limits` and `causes` of half-spaces of one limit with causes that count up.
 
+    All callers share these arrays: do not change them.
+
     Args:
         limit: The limit.
         count: Number of half-spaces.
@@ -43,6 +45,7 @@ def counted(limit: Limit, count: int, first: int = 0) -> tuple[IntArray, IntArra
 
 def joined(parts: Sequence[HalfSpaces]) -> HalfSpaces:
     """Returns the union of several sets of half-spaces of the same contacts."""
+    # Half-spaces are on axis 1, but on axis 0 of limits and causes.
     arrays = zip(*(vars(part).values() for part in parts), strict=True)
     return HalfSpaces(*(np.concatenate(own, axis=min(own[0].ndim - 1, 1)) for own in arrays))
 

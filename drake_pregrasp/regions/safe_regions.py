@@ -68,6 +68,8 @@ def safe_region_labels(
 class SafeRegions:
     """The safe regions S_i of n contacts over the N candidate points of a surface.
 
+    To change labels, use `dataclasses.replace`.
+
     Attributes:
         labels: Index i of the region that each candidate lies in, or `NO_REGION`, shape (N,).
         lost: Mask of the contacts whose finger is lost and that have no region, shape (n,).
@@ -210,7 +212,8 @@ def compute_safe_regions(
         label = partial(label_candidates, p_OQ, nhat)
     labels, counts, limits, causes = label(bounds)
     regions = SafeRegions(labels, h == -np.inf, limits, causes, constraints)
-    vars(regions)["counts"] = counts  # Fills the cached property.
+    vars(regions)["counts"] = counts  # Fills the cached property,
+    labels.flags.writeable = False  # which holds for these labels only.
     return regions
 
 

@@ -40,7 +40,7 @@ class CsvLog:
 
     Attributes:
         columns: Names of the columns.
-        num_rows: Number of written rows.
+        num_rows: Number of rows, also of those that are still in memory.
     """
 
     def __init__(self, path: Path, columns: Sequence[str]) -> None:
@@ -48,7 +48,7 @@ class CsvLog:
         self.num_rows = 0
         self._flushed = time.monotonic()
         self._path = path
-        self._waiting: deque[tuple[Any, ...]] = deque()
+        self._waiting: list[tuple[Any, ...]] = []
 
     def __enter__(self) -> Self:
         with writing(self._path):
@@ -74,10 +74,11 @@ class CsvLog:
             self._flush()
 
     def _flush(self) -> None:
+        rows = (np.concatenate(parts, axis=None).tolist() for parts in self._waiting)
+        text = "".join(",".join(map(repr, row)) + "\n" for row in rows)
+        self._waiting.clear()  # An interrupt can cost the last rows, but none between others.
         with writing(self._path):
-            while self._waiting:
-                row = np.concatenate(self._waiting.popleft(), axis=None)
-                self._file.write(",".join(map(repr, row.tolist())) + "\n")
+            self._file.write(text)
             self._file.flush()
         self._flushed = time.monotonic()
 

@@ -318,7 +318,7 @@ class GraspSequencer(LeafSystem):
             discrete_state.set_value(self._state, after.to_vector())
         self._pose.store(context, discrete_state)
         if not GraspPhase.CLOSE <= state.phase <= GraspPhase.SQUEEZE:
-            return
+            return  # In other phases nothing is gripped, or the motion is kept.
         discrete_state.set_value(self._last, pack(self._motion.Eval(context)))
         sticks = state.phase == GraspPhase.SQUEEZE
         sticking = p_GT_goal.ravel() if sticks else np.full(p_GT.size, np.nan)

@@ -29,7 +29,7 @@ MAX_SEED = 2**53
 """Largest seed: a numeric parameter is a float, which holds every integer up to this one."""
 
 
-_AT_ONCE = 8  # Ticks whose numbers are drawn at once: most time of one draw is to load the code.
+_AT_ONCE = 8  # Ticks whose numbers are drawn at once: alone, a draw takes several times as long.
 
 
 @lru_cache(maxsize=16)

@@ -20,6 +20,7 @@ from drake_pregrasp.estimation.pose_filter import (
 )
 from drake_pregrasp.fast import SWITCH, fast_filter_step, fast_goals, fast_labels, fast_slip_radii
 from drake_pregrasp.geometry.shapes import ball_shape
+from drake_pregrasp.quality.grasp_quality import contact_blocks
 from drake_pregrasp.regions.independent_regions import slip_radii_within
 from drake_pregrasp.regions.safe_regions import SafeRegions, compute_safe_regions
 
@@ -31,6 +32,12 @@ FEW = box_surface([0.1, 0.1, 0.1], spacing=0.05)
 LABELS = fast_labels(CUBE.p_OQ, CUBE.nhat_OQ)
 CENTRE = np.array([0.003, -0.002, 0.001])
 KINDS = ("position", "msv", "gii", "vew")
+
+
+def singular_values_of(p_CoMC):
+    return np.linalg.svd(
+        np.hstack(list(contact_blocks(p_CoMC, None, "complete"))), compute_uv=False
+    )
 
 
 def contacts(surface, n, rng):
@@ -109,6 +116,23 @@ def test_double_singular_values_are_no_exception(name):
         surface, p_OC, np.zeros(4), name, stretch=True, covariance=1e-3 * np.eye(3)
     )
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10)
+
+
+def test_where_the_closed_form_fails_a_decomposition_gives_the_isotropy():
+    """A contact at the centre of mass: sigma_max does not depend on t, the sum of the arms."""
+    from drake_pregrasp.fast import closed_forms
+    from drake_pregrasp.fast.goals import Members
+
+    places = np.array([[-1.0, 1, 0], [0.3, 0.2, 0.1], [0.5, 0.5, 0.0]])
+    r = np.array([[0.0, 0, 0], [1, 1, 0], [-1, -1, 0], [1, -1, 0], [np.nan] * 3])
+    active, ends = np.isfinite(r[:, 0]), np.array([0, len(places)])
+    q, b = np.ascontiguousarray(places.T), np.empty(len(places))
+    own = Members(np.array([0]), active, r, ends, ends, q, b)
+    assert closed_forms.write_measures(closed_forms._GII, *own[:4], q, b)
+    closed_forms.CompleteMeasure("gii")(None, own, b)
+    for place, isotropy in zip(places, b, strict=True):
+        sigma = singular_values_of(np.vstack([r[1:4], place]))
+        assert isotropy == pytest.approx(sigma[-1] / sigma[0], abs=1e-12)
 
 
 @pytest.mark.parametrize("name", ["msv", "gii", "vew"])
