@@ -1,5 +1,7 @@
 """Signed distances of convex solids, and nearest points of triangles."""
 
+import functools
+
 import numpy as np
 import pytest
 import trimesh
@@ -127,12 +129,23 @@ implementations = pytest.mark.parametrize(
 def nearest(implementation, corners, points):
     if implementation == "reference":
         return closest_points(corners, points)
+    return compiled_closest_points()(corners, points)
+
+
+@functools.cache
+def compiled_closest_points():
+    import numba
+
     from drake_pregrasp.fast.projection import closest_point
 
-    nearest, scratch = np.empty((len(points), 3)), np.empty((6, 3))
-    for k, (p, c) in enumerate(zip(points, corners, strict=True)):
-        closest_point(p, c, nearest[k], scratch)
-    return nearest
+    @numba.njit(error_model="numpy")
+    def closest(corners, points):
+        nearest, scratch = np.empty((len(points), 3)), np.empty((6, 3))
+        for k in range(len(points)):
+            closest_point(points[k], corners[k], nearest[k], scratch)
+        return nearest
+
+    return closest
 
 
 def triangle(rng, kind):
