@@ -185,7 +185,9 @@ class DifferentialKinematics(LeafSystem):
         self._placed = ports.declare_context(self, words, scene.diagram, calc, *placing)
         inputs = (self._v, self._posture, self._goals, self._v_WT, self._V_WG, self._V_WO)
         model, sources = (np.zeros(nq), NOT_HINDERED), (self._placed, *inputs)
-        self._step = step = ports.declare_cache(self, "step", model, self._calc_step, *sources)
+        self._step = step = ports.declare_cache(
+            self, "velocities", model, self._calc_step, *sources
+        )
         output = partial(ports.declare_output, self)
         output("commanded_velocity", nq, lambda context: step.Eval(context)[0], step)
         output("hindered_finger", 1, lambda context: step.Eval(context)[1], step)

@@ -314,7 +314,9 @@ class ArmPosture(_PalmPosture):
         self._palm_frame, self._X_GP, self._lead = palm_frame, X_GP, lead
         self._home = np.array(home, dtype=float)
         inputs = (self.xd_ticket(), self._tip_goals, self._X_WG, self._V_WG)
-        self._now = ports.declare_cache(self, "place", np.zeros(4), self._calc_now, *inputs)
+        self._now = ports.declare_cache(
+            self, "smoothed position", np.zeros(4), self._calc_now, *inputs
+        )
         ports.declare_output(self, "goals", ports.BUS, self._calc_goals, self._now, *inputs)
         nq, nothing = len(self._home), self.nothing_ticket()
         ports.declare_output(self, "nominal_posture", nq, lambda c: self._home, nothing)
