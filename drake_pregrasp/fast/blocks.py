@@ -4,24 +4,37 @@ import numpy as np
 
 from drake_pregrasp.arrays import FloatArray, IntArray
 
-BLOCK = 64
-"""Largest number of candidates in a block."""
+SMALLEST = 64
+"""Number of candidates in the blocks of small surfaces."""
+
+_PER_ROOT = 2.0
 
 
-def compact_blocks(q: FloatArray) -> list[IntArray]:
+def block_size(N: int) -> int:
+    """Returns the largest number of candidates in a block of a surface with N candidates.
+
+    Of more blocks, the boxes take longer; of fewer, the candidates of those that boundaries of
+    regions divide. With 1.3 and 2.6 times the root of N, labels of cubes with 10,000 to 100,000
+    candidates take up to a fifth longer than with twice the root.
+    """
+    return max(SMALLEST, int(_PER_ROOT * np.sqrt(N)))
+
+
+def compact_blocks(q: FloatArray, size: int) -> list[IntArray]:
     """Returns the indices of points in blocks, made by bisection of the longest side.
 
     Args:
         q: Points, shape (N, 3), in metres.
+        size: Number of points in all blocks but the last one, which may have fewer.
     """
     waiting, blocks = [np.arange(len(q))], []
     while waiting:
         own = waiting.pop()
-        if len(own) <= BLOCK:
+        if len(own) <= size:
             blocks.append(own)
             continue
         axis = np.argmax(np.ptp(q[own], axis=0))
-        middle = BLOCK * -(-len(own) // (2 * BLOCK))
+        middle = size * -(-len(own) // (2 * size))
         order = np.argpartition(q[own, axis], middle - 1)
         waiting += [own[order[:middle]], own[order[middle:]]]
     return blocks
@@ -36,6 +49,7 @@ class Blocks:
 
     Attributes:
         points: The candidate points as given.
+        size: Largest number of candidates in a block.
         q: Candidates in the order of the blocks, shape (d, N), in metres.
         nhat: Their outward unit normals, shape (3, N).
         order: Index of the candidate at each place of the blocks, shape (N,).
@@ -46,8 +60,8 @@ class Blocks:
     """
 
     def __init__(self, q: FloatArray, nhat: FloatArray) -> None:
-        blocks = compact_blocks(q)
-        self.points = q
+        self.points, self.size = q, block_size(len(q))
+        blocks = compact_blocks(q, self.size)
         self.order: IntArray = np.concatenate(blocks)
         self.starts = np.cumsum([0, *map(len, blocks)])
         q, nhat = q[self.order], nhat[self.order]
