@@ -29,12 +29,11 @@ import numpy as np
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import MEASURES
-from drake_pregrasp.fast.compiling import compiled
+from drake_pregrasp.fast.compiling import GROUP, compiled
 from drake_pregrasp.fast.goals import Members
 from drake_pregrasp.quality.grasp_quality import contact_blocks
 
 _MSV, _GII, _VEW = range(len(MEASURES))
-_GROUP = 64  # Largest number of places that are computed together.
 _STEPS = 12  # Largest number of steps. Three are enough on a cube; long objects need more.
 _SETTLED = 1e-7  # Relative step after which a root has converged: the error is its square.
 
@@ -93,10 +92,10 @@ def find_roots(sign, size, tau, b11, b1, b2, p11, p12, p22, roots, steps):  # ty
 
 
 @compiled()
-def write_volumes(t, B, n, q, b):  # type: ignore[no-untyped-def]
-    """Writes sqrt(det(G Gᵀ)) of n contacts, the last one at each place, shape (3, k)."""
+def write_volumes(t, B, n, px, py, pz, b):  # type: ignore[no-untyped-def]
+    """Writes sqrt(det(G Gᵀ)) of n contacts, the last one at each place."""
     for k in range(len(b)):
-        p, r, s = q[0, k], q[1, k], q[2, k]
+        p, r, s = px[k], py[k], pz[k]
         x, y, z = t[0] + p, t[1] + r, t[2] + s
         tau, square = x * x + y * y + z * z, p * p + r * r + s * s
         m = n + square - tau / n
@@ -112,18 +111,18 @@ def write_volumes(t, B, n, q, b):  # type: ignore[no-untyped-def]
 
 
 @compiled()
-def write_singular_values(kind, t, B, n, q, b):  # type: ignore[no-untyped-def]
-    """Writes sigma_min, or the isotropy, of n contacts, the last one at each place, shape (3, k).
+def write_singular_values(kind, t, B, n, qx, qy, qz, b):  # type: ignore[no-untyped-def]
+    """Writes sigma_min, or the isotropy, of n contacts, the last one at each place.
 
     Returns whether sigma_max is still missing somewhere; there, it writes -sigma_min. Loops run
     over groups of places without branches, so that they are vector instructions.
     """
-    rows, is_partial = np.empty((9, _GROUP)), False
+    rows, is_partial = np.empty((9, GROUP)), False
     b11, b1, b2, p11, p12, p22 = rows[0], rows[1], rows[2], rows[3], rows[4], rows[5]
     tau, roots, steps = rows[6], rows[7], rows[8]
-    for start in range(0, len(b), _GROUP):
-        size = min(_GROUP, len(b) - start)
-        own, px, py, pz = b[start:], q[0, start:], q[1, start:], q[2, start:]
+    for start in range(0, len(b), GROUP):
+        size = min(GROUP, len(b) - start)
+        own, px, py, pz = b[start:], qx[start:], qy[start:], qz[start:]
         for k in range(size):
             p, r, s = px[k], py[k], pz[k]
             x, y, z = t[0] + p, t[1] + r, t[2] + s
@@ -187,12 +186,14 @@ def write_measures(kind, contacts, active, r, ends, q, b):  # type: ignore[no-un
     for is_active in active:
         n += is_active
     for k in range(len(contacts)):
-        own_q, own_b = q[:, ends[k] : ends[k + 1]], b[ends[k] : ends[k + 1]]
+        start, stop = ends[k], ends[k + 1]
+        # Rows, since parts of several rows are no longer known to be contiguous.
+        x, y, z, own_b = q[0, start:stop], q[1, start:stop], q[2, start:stop], b[start:stop]
         others_sums(r, active, contacts[k], t, B)
         if kind == _VEW:
-            write_volumes(t, B, n, own_q, own_b)
+            write_volumes(t, B, n, x, y, z, own_b)
         else:
-            is_partial |= write_singular_values(kind, t, B, n, own_q, own_b)
+            is_partial |= write_singular_values(kind, t, B, n, x, y, z, own_b)
     return is_partial
 
 

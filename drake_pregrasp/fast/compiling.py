@@ -7,6 +7,9 @@ from typing import Any
 import numba
 from numba.core.event import Event, Listener, register, unregister
 
+GROUP = 128
+"""Largest number of places whose values are computed together, by short loops of few arrays."""
+
 
 class _Announcement(Listener):  # type: ignore[misc]
     """Says once that numba compiles, since the first planner waits for it."""

@@ -12,14 +12,11 @@ from scipy.spatial.distance import cdist
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.selection_input import SelectionInput
-from drake_pregrasp.fast.compiling import compiled
+from drake_pregrasp.fast.compiling import GROUP, compiled
 from drake_pregrasp.fast.goals import Members
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.force_closure import CONE_EDGES, GRAM_RANK_TOLERANCE, longest_arm
 from drake_pregrasp.regions.independent_regions import LEAST_MARGIN, slip_radii
-
-GROUP = 64
-"""Largest number of places in a group."""
 
 _DIAGONAL = math.sqrt(0.5)
 

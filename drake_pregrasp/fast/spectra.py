@@ -12,13 +12,10 @@ import numpy as np
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import MEASURES, RANK_TOLERANCE
-from drake_pregrasp.fast.compiling import compiled
+from drake_pregrasp.fast.compiling import GROUP, compiled
 from drake_pregrasp.fast.goals import Members
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.grasp_quality import contact_blocks
-
-GROUP = 64
-"""Largest number of places in a group."""
 
 _SWEEPS = 12  # Largest number of sweeps; six are usual, and each of the last squares the error.
 _SETTLED = 1e-30  # Share of the squared trace up to which squares off the diagonal are rounding.
