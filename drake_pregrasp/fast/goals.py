@@ -4,7 +4,6 @@ Candidates of a region are copied next to each other, one region after another. 
 its weights at these places; `centroids` stretches, blends and applies them.
 """
 
-import math
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, NamedTuple
@@ -53,43 +52,54 @@ WriteWeights = Callable[[SelectionInput, Members, FloatArray], object]
 
 
 @compiled(
-    "Tuple((i8[::1], i8[::1], f8[:,::1], f8[::1]))(i8[::1], i8[::1], i8[::1], f8[:,::1], f8[::1])"
+    "Tuple((i8[::1], i8[::1], f8[:,::1]))(i8, i8[::1], Array(i8, 1, 'C', readonly=True), f8[:,::1])"
 )
-def members_of(contacts, places, labels, q, areas):  # type: ignore[no-untyped-def]
-    """Returns ends, candidates, q and areas of `Members`.
+def members_of(count, places, labels, values):  # type: ignore[no-untyped-def]
+    """Returns ends, candidates, and the values of the candidates in regions, shape (v, M).
+
+    Adjacent candidates of one region are copied at once.
 
     Args:
-        contacts: Indices of the contacts that move, shape (k,).
-        places: Memory for a number of each contact, shape (n + 1,).
+        count: Number k of the contacts that move.
+        places: Index from 0 to k - 1 of each contact that moves, else -1; at last a -1 for the
+            label of no region, shape (n + 1,).
         labels: Region of each candidate, shape (N,).
-        q: Lever arms of the candidates, shape (N, 3), in units of length.
-        areas: Surface area that each candidate represents, shape (N,), in m².
+        values: Values of each candidate, shape (v, N).
     """
-    ends = np.zeros(len(contacts) + 1, np.int64)
-    for i in range(len(places)):
-        places[i] = -1  # The last one, too, is that of the label of no region.
-    for k in range(len(contacts)):
-        places[contacts[k]] = k
-    for label in labels:
-        if places[label] >= 0:
-            ends[places[label] + 1] += 1
-    for k in range(len(contacts)):
+    N, num_runs, ends = len(labels), 0, np.zeros(count + 1, np.int64)
+    runs = np.empty(N + 1, np.int64)  # First candidates of runs of equal labels.
+    for j in range(N):
+        if j == 0 or labels[j] != labels[j - 1]:
+            runs[num_runs] = j
+            num_runs += 1
+    runs[num_runs] = N
+    for run in range(num_runs):
+        k = places[labels[runs[run]]]
+        if k >= 0:
+            ends[k + 1] += runs[run + 1] - runs[run]
+    for k in range(count):
         ends[k + 1] += ends[k]
-    size, filled = ends[-1], ends.copy()
-    candidates, own_q, own_areas = np.empty(size, np.int64), np.empty((3, size)), np.empty(size)
-    for j in range(len(labels)):
-        k = places[labels[j]]
+    filled = ends.copy()
+    candidates, copies = np.empty(ends[-1], np.int64), np.empty((len(values), ends[-1]))
+    for run in range(num_runs):
+        start, size = runs[run], runs[run + 1] - runs[run]
+        k = places[labels[start]]
         if k >= 0:
             to = filled[k]
-            filled[k] += 1
-            candidates[to], own_areas[to] = j, areas[j]
-            own_q[0, to], own_q[1, to], own_q[2, to] = q[j, 0], q[j, 1], q[j, 2]
-    return ends, candidates, own_q, own_areas
+            filled[k] += size
+            own = candidates[to:]
+            for j in range(size):
+                own[j] = start + j
+            for v in range(len(values)):
+                copy, value = copies[v, to:], values[v, start:]
+                for j in range(size):
+                    copy[j] = value[j]
+    return ends, candidates, copies
 
 
 @compiled("void(f8[:,::1], f8, i8[::1], f8[:,::1], f8[::1])")
 def write_position(covariance, unit, ends, q, b):  # type: ignore[no-untyped-def]
-    """Writes exp(-qᵀ P q / 2) over its largest value in the region, with P the precision.
+    """Writes -qᵀ P q / 2 less its largest value in the region, with P the precision.
 
     Args:
         covariance: Covariance of the position, shape (3, 3), in m².
@@ -112,7 +122,7 @@ def write_position(covariance, unit, ends, q, b):  # type: ignore[no-untyped-def
             b[k] = scale * (square + xy * x * y + xz * x * z + yz * y * z)
             most = max(most, b[k])
         for k in range(ends[region], ends[region + 1]):
-            b[k] = math.exp(b[k] - most)
+            b[k] -= most
 
 
 @compiled()
@@ -217,8 +227,8 @@ class CompiledGoals:
         self._surface = surface = CompiledSurface.of(surface)
         shares = {name: share for name, share in weights.items() if share > 0}
         self._unit = characteristic_length(length, contact_model, surface.longest_lever_arm)
-        p_CoMQ = np.array(surface.p_OQ - surface.p_OCoM, dtype=float, order="C")
-        self._q, self._areas = p_CoMQ / self._unit, np.array(surface.areas, dtype=float)
+        p_CoMQ = surface.p_OQ - surface.p_OCoM
+        self._values: FloatArray = np.array([*p_CoMQ.T / self._unit, surface.areas], dtype=float)
         model = reading, contact_model, float(friction)
         self._strategies = [self._strategy(name, *model) for name in shares]
         is_measure = np.array([name != "position" for name in shares])
@@ -259,6 +269,7 @@ class CompiledGoals:
     def _write_position(self, selection: SelectionInput, members: Members, b: FloatArray) -> None:
         covariance = np.array(selection.covariance_O, dtype=float, order="C")
         write_position(covariance, self._unit, members.ends, members.q, b)
+        np.exp(b, out=b)  # In vector instructions, which numba does not have for it.
 
     def __call__(self, selection: SelectionInput, contacts: IntArray) -> FloatArray:
         """Returns the goals, shape (k, 3), in O, in metres, as `region_goals` does.
@@ -268,17 +279,17 @@ class CompiledGoals:
             contacts: Indices of k contacts whose regions are not empty, shape (k,).
         """
         contacts = np.array(contacts, dtype=np.int64)
-        labels = np.array(selection.regions.labels, dtype=np.int64)
+        labels = np.ascontiguousarray(selection.regions.labels, dtype=np.int64)
         active = np.array(selection.active, dtype=bool)
         r = np.array(selection.p_OC - self._surface.p_OCoM, dtype=float, order="C") / self._unit
-        places = np.empty(len(active) + 1, dtype=np.int64)
-        own = members_of(contacts, places, labels, self._q, self._areas)
-        members = Members(contacts, active, r, *own)
-        b = np.empty((1 + len(self._strategies), len(members.areas)))
+        places = np.full(len(active) + 1, -1)
+        places[contacts] = np.arange(len(contacts))
+        ends, candidates, values = members_of(len(contacts), places, labels, self._values)
+        members = Members(contacts, active, r, ends, candidates, values[:3], values[3])
+        b = np.empty((1 + len(self._strategies), len(candidates)))
         for write, row in zip(self._strategies, b, strict=False):
             write(selection, members, row)
-        ends, _, q, areas = own
-        goals: FloatArray = centroids(*self._settings, ends, q, areas, b[:-1], b[-1])
+        goals: FloatArray = centroids(*self._settings, ends, *members[-2:], b[:-1], b[-1])
         goals = goals * self._unit + self._surface.p_OCoM
         if self._settings[-1]:  # They are candidates, up to rounding.
             return goals

@@ -64,8 +64,8 @@ def closest_point(p, corners, best, scratch):  # type: ignore[no-untyped-def]
 
 @compiled(
     "Tuple((f8[:,::1], i8[::1]))"
-    "(f8[:,::1], i8[::1], i8[::1], f8[:,::1], i8[::1], i8[::1], f8[:,::1], f8[:,:,::1], i8[::1],"
-    " f8[:,::1], f8)"
+    "(f8[:,::1], i8[::1], Array(i8, 1, 'C', readonly=True), f8[:,::1], i8[::1], i8[::1], f8[:,::1],"
+    " f8[:,:,::1], i8[::1], f8[:,::1], f8)"
 )
 def projected(  # type: ignore[no-untyped-def]
     points, which, labels, q, order, starts, boxes, patches, patch_starts, balls, reach
