@@ -75,11 +75,8 @@ def write_step(means, R, P, K, nu, squared, measured, com, dt, gravity, densitie
     prior, after, turn, jacobian, inverse = means[0], means[1], R[6], R[7], R[8]
     F, A, product, square = P[4:6], P[6], P[7], 0.0
     for k in range(3):
-        prior[0, k], prior[1, k], prior[2, k] = (
-            after[0, k] + after[1, k] * dt,
-            after[1, k],
-            after[2, k],
-        )
+        prior[0, k] = after[0, k] + after[1, k] * dt
+        prior[1, k], prior[2, k] = after[1, k], after[2, k]
         nu[0, k], nu[1, k] = nu[0, k] - prior[0, k], after[2, k] * dt
     nu[0, 2] += gravity * (dt * dt / 2)
     prior[0, 2] -= gravity * (dt * dt / 2)
@@ -156,20 +153,12 @@ def compiled_filter_step(
     means[1] = earlier.p_WCoM, earlier.v_WCoM, earlier.w_WO
     R[1], P[2], P[3] = earlier.R_WO, earlier.P_position, earlier.P_orientation
     nu[0] = measurement.p_WCoM
-    write_step(
-        means,
-        R,
-        P,
-        K,
-        nu,
-        squared,
-        np.ascontiguousarray(measurement.R_WO),
-        _ZERO if p_OCoM is None else np.reshape(p_OCoM, (3, 1)),
-        time - earlier.time,
-        noise.gravity,
-        np.array([noise.acceleration, noise.angular_acceleration]),
-        noise_factor * np.array([noise.position**2, noise.orientation**2]),
-    )
+    measured = np.ascontiguousarray(measurement.R_WO)
+    com = _ZERO if p_OCoM is None else np.reshape(p_OCoM, (3, 1))
+    densities = np.array([noise.acceleration, noise.angular_acceleration])
+    variances = noise_factor * np.array([noise.position**2, noise.orientation**2])
+    known = measured, com, time - earlier.time, noise.gravity, densities, variances
+    write_step(means, R, P, K, nu, squared, *known)
     beliefs = [
         pose_filter.PoseBelief(time, mean[0], mean[1], R[k], mean[2], P[2 * k], P[2 * k + 1])
         for k, mean in enumerate(means)
