@@ -98,11 +98,6 @@ class MeasurementVerdict(IntEnum):
     OUTLIER = 7
     REPEATED = 8
 
-    @property
-    def is_refusal(self) -> bool:
-        """Whether the measurement was refused."""
-        return self >= MeasurementVerdict.UNUSABLE
-
 
 unpack_belief = unpacker(NO_BELIEF)
 """Returns the belief in a vector, such as an alternative hypothesis."""

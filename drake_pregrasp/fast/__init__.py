@@ -21,14 +21,14 @@ these arrays, so that a constraint is described in one place. All solids are box
 rounded edges, with infinite bounds for half-spaces, and share one formula for their distance.
 
 **Blocks.** Candidates never move in the object's frame. At construction they are sorted into
-compact blocks, of 64 candidates on small surfaces and 630 of 100,000, each with a bounding box of
-its positions and of its normals. In a tick a block finds the contacts that may own its candidates,
-most often one, then discards what cannot divide it: a half-space that contains the box; an obstacle
-farther away than the box is large. This works because power distances differ by a linear function,
-and a distance changes no faster than its point: the value at the box's middle, plus or minus the
-size of the box, decides the whole block. Only what is left is tested for all candidates of the
-block at once, most often a few of hundreds of half-spaces in a few blocks at the boundaries of
-regions. Of 2,000 obstacle points, too, a block tests only those nearby.
+compact blocks, of up to 64 candidates on small surfaces and up to 632 on one with 100,000, each
+with a bounding box of its positions and of its normals. In a tick a block finds the contacts that
+may own its candidates, most often one, then discards what cannot divide it: a half-space that
+contains the box; an obstacle farther away than the box is large. This works because power distances
+differ by a linear function, and a distance changes no faster than its point: the value at the box's
+middle, plus or minus the size of the box, decides the whole block. Only what is left is tested for
+all candidates of the block at once, most often a few of hundreds of half-spaces in a few blocks at
+the boundaries of regions. Of 2,000 obstacle points, too, a block tests only those nearby.
 
 **Reasons.** If regions come out tiny, their cells are counted by the same function, called once
 more: for each limit, how many candidates of the cell it excludes.

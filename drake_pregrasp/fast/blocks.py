@@ -1,23 +1,22 @@
 """Spatially compact blocks of candidates, with boxes around their positions and normals."""
 
+import math
+
 import numpy as np
 
 from drake_pregrasp.arrays import FloatArray, IntArray
 
 SMALLEST = 64
-"""Number of candidates in the blocks of small surfaces."""
-
-_PER_ROOT = 2.0
+"""Largest number of candidates in a block of a small surface."""
 
 
 def block_size(N: int) -> int:
     """Returns the largest number of candidates in a block of a surface with N candidates.
 
-    Of more blocks, the boxes take longer; of fewer, the candidates of those that boundaries of
-    regions divide. With 1.3 and 2.6 times the root of N, labels of cubes with 10,000 to 100,000
-    candidates take up to a fifth longer than with twice the root.
+    More blocks take more time for their boxes, fewer blocks for the candidates of those that lie
+    across a boundary of regions.
     """
-    return max(SMALLEST, int(_PER_ROOT * np.sqrt(N)))
+    return max(SMALLEST, math.isqrt(4 * N))
 
 
 def compact_blocks(q: FloatArray, size: int) -> list[IntArray]:
@@ -25,7 +24,7 @@ def compact_blocks(q: FloatArray, size: int) -> list[IntArray]:
 
     Args:
         q: Points, shape (N, 3), in metres.
-        size: Number of points in all blocks but the last one, which may have fewer.
+        size: Number of points in all blocks but the first one, which may have fewer.
     """
     waiting, blocks = [np.arange(len(q))], []
     while waiting:
@@ -49,7 +48,6 @@ class Blocks:
 
     Attributes:
         points: The candidate points as given.
-        size: Largest number of candidates in a block.
         q: Candidates in the order of the blocks, shape (d, N), in metres.
         nhat: Their outward unit normals, shape (3, N).
         order: Index of the candidate at each place of the blocks, shape (N,).
@@ -60,8 +58,8 @@ class Blocks:
     """
 
     def __init__(self, q: FloatArray, nhat: FloatArray) -> None:
-        self.points, self.size = q, block_size(len(q))
-        blocks = compact_blocks(q, self.size)
+        blocks = compact_blocks(q, block_size(len(q)))
+        self.points = q
         self.order: IntArray = np.concatenate(blocks)
         self.starts = np.cumsum([0, *map(len, blocks)])
         q, nhat = q[self.order], nhat[self.order]

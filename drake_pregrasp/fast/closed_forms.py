@@ -92,10 +92,10 @@ def find_roots(sign, size, tau, b11, b1, b2, p11, p12, p22, roots, steps):  # ty
 
 
 @compiled()
-def write_volumes(t, B, n, px, py, pz, b):  # type: ignore[no-untyped-def]
-    """Writes sqrt(det(G Gᵀ)) of n contacts, the last one at each place."""
+def write_volumes(t, B, n, qx, qy, qz, b):  # type: ignore[no-untyped-def]
+    """Writes sqrt(det(G Gᵀ)) of n contacts, the last one at each place (qx, qy, qz)."""
     for k in range(len(b)):
-        p, r, s = px[k], py[k], pz[k]
+        p, r, s = qx[k], qy[k], qz[k]
         x, y, z = t[0] + p, t[1] + r, t[2] + s
         tau, square = x * x + y * y + z * z, p * p + r * r + s * s
         m = n + square - tau / n
@@ -112,7 +112,7 @@ def write_volumes(t, B, n, px, py, pz, b):  # type: ignore[no-untyped-def]
 
 @compiled()
 def write_singular_values(kind, t, B, n, qx, qy, qz, b):  # type: ignore[no-untyped-def]
-    """Writes sigma_min, or the isotropy, of n contacts, the last one at each place.
+    """Writes sigma_min, or the isotropy, of n contacts, the last one at (qx, qy, qz).
 
     Returns whether sigma_max is still missing somewhere; there, it writes -sigma_min. Loops run
     over groups of places without branches, so that they are vector instructions.
@@ -187,7 +187,7 @@ def write_measures(kind, contacts, active, r, ends, q, b):  # type: ignore[no-un
         n += is_active
     for k in range(len(contacts)):
         start, stop = ends[k], ends[k + 1]
-        # Rows, since parts of several rows are no longer known to be contiguous.
+        # One row each: numba knows that part of a row is contiguous, but not part of all rows.
         x, y, z, own_b = q[0, start:stop], q[1, start:stop], q[2, start:stop], b[start:stop]
         others_sums(r, active, contacts[k], t, B)
         if kind == _VEW:

@@ -8,7 +8,7 @@ import numba
 from numba.core.event import Event, Listener, register, unregister
 
 GROUP = 128
-"""Largest number of places whose values are computed together, by short loops of few arrays."""
+"""Largest number of places that are computed together, with memory for each."""
 
 
 class _Announcement(Listener):  # type: ignore[misc]

@@ -55,16 +55,16 @@ WriteWeights = Callable[[SelectionInput, Members, FloatArray], object]
     "Tuple((i8[::1], i8[::1], f8[:,::1]))(i8, i8[::1], Array(i8, 1, 'C', readonly=True), f8[:,::1])"
 )
 def members_of(count, places, labels, values):  # type: ignore[no-untyped-def]
-    """Returns ends, candidates, and the values of the candidates in regions, shape (v, M).
+    """Returns ends and candidates of `Members`, and their lever arms and areas, shape (4, M).
 
     Adjacent candidates of one region are copied at once.
 
     Args:
         count: Number k of the contacts that move.
-        places: Index from 0 to k - 1 of each contact that moves, else -1; at last a -1 for the
-            label of no region, shape (n + 1,).
+        places: Index from 0 to k - 1 of each contact that moves, -1 of the others; the last
+            element is -1, for the label `NO_REGION`, shape (n + 1,).
         labels: Region of each candidate, shape (N,).
-        values: Values of each candidate, shape (v, N).
+        values: Lever arm and area of each candidate, shape (4, N).
     """
     N, num_runs, ends = len(labels), 0, np.zeros(count + 1, np.int64)
     runs = np.empty(N + 1, np.int64)  # First candidates of runs of equal labels.
@@ -85,8 +85,7 @@ def members_of(count, places, labels, values):  # type: ignore[no-untyped-def]
         start, size = runs[run], runs[run + 1] - runs[run]
         k = places[labels[start]]
         if k >= 0:
-            to = filled[k]
-            filled[k] += size
+            to, filled[k] = filled[k], filled[k] + size
             own = candidates[to:]
             for j in range(size):
                 own[j] = start + j
@@ -99,7 +98,9 @@ def members_of(count, places, labels, values):  # type: ignore[no-untyped-def]
 
 @compiled("void(f8[:,::1], f8, i8[::1], f8[:,::1], f8[::1])")
 def write_position(covariance, unit, ends, q, b):  # type: ignore[no-untyped-def]
-    """Writes -qᵀ P q / 2 less its largest value in the region, with P the precision.
+    """Writes the logarithms of the weights: -qᵀ P q / 2 less its largest value in the region.
+
+    P is the precision, the inverse of the covariance.
 
     Args:
         covariance: Covariance of the position, shape (3, 3), in m².
@@ -269,7 +270,7 @@ class CompiledGoals:
     def _write_position(self, selection: SelectionInput, members: Members, b: FloatArray) -> None:
         covariance = np.array(selection.covariance_O, dtype=float, order="C")
         write_position(covariance, self._unit, members.ends, members.q, b)
-        np.exp(b, out=b)  # In vector instructions, which numba does not have for it.
+        np.exp(b, out=b)  # On some processors in vector instructions, in numba on none.
 
     def __call__(self, selection: SelectionInput, contacts: IntArray) -> FloatArray:
         """Returns the goals, shape (k, 3), in O, in metres, as `region_goals` does.
@@ -282,14 +283,14 @@ class CompiledGoals:
         labels = np.ascontiguousarray(selection.regions.labels, dtype=np.int64)
         active = np.array(selection.active, dtype=bool)
         r = np.array(selection.p_OC - self._surface.p_OCoM, dtype=float, order="C") / self._unit
-        places = np.full(len(active) + 1, -1)
+        places = np.full(len(active) + 1, -1, dtype=np.int64)
         places[contacts] = np.arange(len(contacts))
         ends, candidates, values = members_of(len(contacts), places, labels, self._values)
         members = Members(contacts, active, r, ends, candidates, values[:3], values[3])
         b = np.empty((1 + len(self._strategies), len(candidates)))
         for write, row in zip(self._strategies, b, strict=False):
             write(selection, members, row)
-        goals: FloatArray = centroids(*self._settings, ends, *members[-2:], b[:-1], b[-1])
+        goals: FloatArray = centroids(*self._settings, ends, values[:3], values[3], b[:-1], b[-1])
         goals = goals * self._unit + self._surface.p_OCoM
         if self._settings[-1]:  # They are candidates, up to rounding.
             return goals

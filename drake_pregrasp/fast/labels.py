@@ -122,7 +122,7 @@ def count_of(labels, size, label):  # type: ignore[no-untyped-def]
 
 @compiled(
     "Tuple((i8[::1], i8[::1], i8[::1], i8[:,:,::1]))"
-    "(Tuple((f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[:,::1], f8, i8)), f8[:,::1], f8[::1],"
+    "(Tuple((f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[:,::1], f8)), f8[:,::1], f8[::1],"
     f" Tuple((f8[:,:,::1], f8[:,::1], i8[::1])), b1[:,::1], f8[:,::1], {SHARED}, b1[::1], i8)"
 )
 def label_blocks(  # type: ignore[no-untyped-def]
@@ -133,7 +133,7 @@ def label_blocks(  # type: ignore[no-untyped-def]
     Loops run along one array at a time, so that the compiler makes vector instructions of them.
 
     Args:
-        blocks: Attributes of `Blocks`: q, nhat, order, starts, boxes, largest and size.
+        blocks: Attributes of `Blocks`: q, nhat, order, starts, boxes and largest.
         c: Contacts, shape (n, d), in metres.
         h: Weights h_i, shape (n,), in m²; -inf for lost fingers.
         half_spaces: Normals of the half-spaces, shape (n, d, m), in metres; their bounds for points
@@ -150,16 +150,16 @@ def label_blocks(  # type: ignore[no-untyped-def]
         Labels; cells, which only counting writes, shape (N,) each; sizes, shape (n,); counts, shape
             (n, 2, `num_keys`).
     """
-    (q, nhat, order, starts, boxes, largest, most), (solids, points, _, _, hand) = blocks, shared
+    (q, nhat, order, starts, boxes, largest), (solids, points, _, _, hand) = blocks, shared
     by_axis, bounds, keys = half_spaces
     n, d, m = by_axis.shape
     width, is_counting = num_keys // _NUM_LIMITS, num_keys > 0
     labels, cells = np.empty_like(order), np.empty_like(order)
+    most = starts[-1] - starts[-2]  # Only the first block may have fewer candidates.
     owners, out = np.empty(most, np.int64), (np.empty(most, np.int64), np.empty(most, np.int64))
     sizes, counts = np.zeros(n, np.int64), np.zeros((n, 2, num_keys), np.int64)
     least, power, beyond = np.empty(most), np.empty(most), np.empty(most)
-    wide = max(m, len(points))
-    over, reach, cutting = np.empty(wide), np.empty(wide), np.empty(wide + 1, np.int64)
+    over, reach, cutting = np.empty(max(m, len(points))), np.empty(m), np.empty(m + 1, np.int64)
     near_lists = np.empty(len(solids), np.int64), np.empty(len(points), np.int64)
     powers, which, everybody = np.empty(n), np.empty(n, np.int64), np.arange(n)
     half_power, extent, slack = np.empty(n), 0.0, np.empty((n, m))
@@ -212,7 +212,8 @@ def label_blocks(  # type: ignore[no-untyped-def]
             if is_limited or len(solids) + len(points) > 0:
                 near = near_obstacles(contact, box, d, shared, near_lists, over)
                 if is_limited or len(near[0]) + len(near[1]) > 0:
-                    limits_of_block(i, contact, q, nhat, start, stop, shared, near, out, power)
+                    own_places = q, nhat, start, stop, owners
+                    limits_of_block(i, contact, *own_places, shared, near, out, power)
                     if is_counting:
                         for k in range(size):
                             key = out[0][k] * width + out[1][k] + 1
@@ -247,7 +248,7 @@ class CompactCandidates(Blocks):
         seen = _NO_WALLS if bounds.same_side is None else np.array(bounds.same_side, dtype=bool)
         h = np.array(bounds.h, dtype=float, order="C")
         tests = seen, predicates.contacts, shared_arrays(predicates)
-        blocks = self.q, self.nhat, self.order, self.starts, self.boxes, self.largest, self.size
+        blocks = self.q, self.nhat, self.order, self.starts, self.boxes, self.largest
         arguments = blocks, np.array(c, dtype=float, order="C"), h
         numbers, is_there = (by_axis, np.ascontiguousarray(planes.bounds)), h > -np.inf
         regions = label_blocks(*arguments, (*numbers, planes.causes), *tests, is_there, 0)

@@ -157,8 +157,8 @@ def compiled_filter_step(
     com = _ZERO if p_OCoM is None else np.reshape(p_OCoM, (3, 1))
     densities = np.array([noise.acceleration, noise.angular_acceleration])
     variances = noise_factor * np.array([noise.position**2, noise.orientation**2])
-    known = measured, com, time - earlier.time, noise.gravity, densities, variances
-    write_step(means, R, P, K, nu, squared, *known)
+    inputs = measured, com, time - earlier.time, noise.gravity, densities, variances
+    write_step(means, R, P, K, nu, squared, *inputs)
     beliefs = [
         pose_filter.PoseBelief(time, mean[0], mean[1], R[k], mean[2], P[2 * k], P[2 * k + 1])
         for k, mean in enumerate(means)

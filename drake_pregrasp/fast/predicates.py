@@ -103,7 +103,7 @@ def finger_measures_of(finger, hand, tip, nhat):  # type: ignore[no-untyped-def]
 
 
 @compiled()
-def limits_of_block(i, contact, q, nhat, start, stop, shared, near, out, gaps):  # type: ignore[no-untyped-def]
+def limits_of_block(i, contact, q, nhat, start, stop, owners, shared, near, out, gaps):  # type: ignore[no-untyped-def]
     """Writes the limit and cause of points for one contact, as `Predicates.limits_at`.
 
     Loops run over many points without branches, so that the compiler makes vector instructions.
@@ -115,6 +115,7 @@ def limits_of_block(i, contact, q, nhat, start, stop, shared, near, out, gaps): 
         nhat: Outward unit normals at the points, shape (3, N).
         start: First point.
         stop: End of the points.
+        owners: Contact of each point. For others than i the limits of measures are left out.
         shared: What the contacts share; see `shared_arrays`.
         near: Indices of the solids and of the obstacle points to be tested, ascending.
         out: Limits and causes, which are written, shape (stop - start,) or more each.
@@ -147,7 +148,7 @@ def limits_of_block(i, contact, q, nhat, start, stop, shared, near, out, gaps): 
     if any_positive(hand[4]):
         least = hand[4]
         for k in range(size):
-            if limits[k] == _NONE:
+            if limits[k] == _NONE and owners[k] == i:  # The only test that takes long.
                 tip = x[k] + radius * nx[k], y[k] + radius * ny[k], z[k] + radius * nz[k]
                 measures = finger_measures_of(i, hand, tip, (nx[k], ny[k], nz[k]))
                 for m in range(len(least)):
@@ -232,7 +233,7 @@ def limits_of_points(contacts, shared, which, q, nhat):  # type: ignore[no-untyp
     for k in range(len(which)):
         i = which[k]
         out = found[0, k:], found[1, k:]
-        limits_of_block(i, contacts[i], q, nhat, k, k + 1, shared, near, out, gaps)
+        limits_of_block(i, contacts[i], q, nhat, k, k + 1, which[k:], shared, near, out, gaps)
     return found
 
 

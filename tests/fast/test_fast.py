@@ -60,14 +60,14 @@ def test_of_tied_candidates_the_first_contact_has_each():
     assert regions.sizes()[3] == 0
 
 
-@pytest.mark.parametrize(("N", "size"), [(1, 64), (64, 64), (65, 64), (63, 8), (577, 8)])
+@pytest.mark.parametrize(("N", "size"), [(1, 64), (64, 64), (65, 64), (577, 64), (40_000, 400)])
 def test_blocks_hold_every_candidate_once(N, size):
-    from drake_pregrasp.fast.blocks import compact_blocks
+    from drake_pregrasp.fast.blocks import block_size, compact_blocks
 
-    blocks = compact_blocks(np.random.default_rng(N).normal(size=(N, 3)).round(1), size)
+    blocks = compact_blocks(np.random.default_rng(N).normal(size=(N, 3)).round(1), block_size(N))
     np.testing.assert_array_equal(np.sort(np.concatenate(blocks)), np.arange(N))
     assert len(blocks) == -(-N // size)
-    assert max(map(len, blocks)) <= size
+    assert [len(block) for block in blocks[1:]] == (len(blocks) - 1) * [size]
 
 
 def goals_of(surface, p_OC, h, name, *, stretch, covariance, in_turns=False):
@@ -168,6 +168,7 @@ def test_no_tick_waits_for_the_compiler_whatever_arrays_it_meets(kind):
     regions = compute_safe_regions(
         surface.p_OQ, kind(p_OC), kind(np.zeros(4)), surface.forbidden, label=LABELS
     )
+    regions = replace(regions, labels=kind(regions.labels.astype(np.int32)))
     selection = SelectionInput(surface, kind(p_OC), regions, kind(np.eye(3)))
     choose = fast_goals(surface, {"gii": 1.0})
     np.testing.assert_array_equal(choose(selection, kind(np.arange(4))), plain)
@@ -188,10 +189,9 @@ def test_no_tick_waits_for_the_compiler_whatever_arrays_it_meets(kind):
 
 
 def test_the_switch_chooses_the_reference(monkeypatch):
-    surface = FEW
     monkeypatch.setenv(SWITCH, "0")
-    assert fast_labels(surface.p_OQ, surface.nhat_OQ) is None
-    assert fast_goals(surface, {"msv": 1.0}) is None
+    assert fast_labels(FEW.p_OQ, FEW.nhat_OQ) is None
+    assert fast_goals(FEW, {"msv": 1.0}) is None
     assert fast_slip_radii() is slip_radii_within
 
 

@@ -33,8 +33,8 @@ pytest.importorskip("numba", reason="numba is not installed (the extra [fast])")
 
 LENGTH = 0.05  # Of the normals as further coordinates, in metres.
 SURFACES = [
-    box_surface([0.1, 0.1, 0.1], spacing=0.0035),  # Blocks larger than the smallest ones.
-    box_surface([0.2, 0.05, 0.06], spacing=0.012),
+    box_surface([0.1, 0.1, 0.1], spacing=0.008),
+    box_surface([0.2, 0.05, 0.06], spacing=0.004),  # Blocks larger than the smallest ones.
     mesh_surface(ball_shape(0.04), spacing=0.006),
     mesh_surface(CUP, spacing=0.008),
     box_surface([0.1, 0.1, 0.1], spacing=0.05),  # Fewer candidates than a block holds.
