@@ -15,6 +15,7 @@ from drake_pregrasp.estimation.pose_filter import (
     Innovation,
     PoseBelief,
     PoseFilterNoise,
+    PoseMeasurement,
 )
 from drake_pregrasp.estimation.pose_track import (
     FIRST_GATE,
@@ -44,16 +45,20 @@ class Replay:
     """Measurements that were applied once more, with other assumptions.
 
     Attributes:
-        steps: The measurements, each with the belief after it, as in `PoseTrack.steps`.
+        pairs: Each measurement with the belief after it.
         squared: νᵀ S⁻¹ ν of position and orientation, shape (k, 2).
         log_det: Sum of the logarithms of det S of each part, shape (2,).
         last: Innovation of the last one.
     """
 
-    steps: FloatArray
+    pairs: list[tuple[PoseMeasurement, PoseBelief]]
     squared: FloatArray
     log_det: FloatArray
     last: Innovation
+
+    def steps(self) -> FloatArray:
+        """Returns the pairs as rows of `PoseTrack.steps`."""
+        return np.array([np.append(pack(seen), pack(after)) for seen, after in self.pairs])
 
 
 def find_manoeuvre(
@@ -75,9 +80,10 @@ def find_manoeuvre(
         is_outlier: Whether the last measurement would be an outlier.
         settings: Settings of the checks.
     """
-    start = _start_of(track, 2)
+    rows, factor = track.recent[:, :MEASUREMENT_SIZE], track.noise_factor
+    recent, start = [unpack_measurement(row) for row in rows], _start_of(track, 2)
     if start and is_outlier and track.innovation_squared.max() > TELLING**2:
-        pair = _replayed(track, start, 2, settings, settings.sudden, settings.sudden)
+        pair = _replayed(start, recent[-2:], settings, factor, settings.sudden, settings.sudden)
         first, second = pair.squared.max(axis=1)
         is_short = track.last_seen[0] - start.time <= _LONGEST_SURPRISE
         if is_short and first <= settings.gate_squared and second <= TELLING**2:
@@ -95,15 +101,15 @@ def find_manoeuvre(
             continue  # Even noise would leave a new motion squares of 2 a measurement.
         dt = track.recent[-count, 0] - start.time
         parts, likelier = np.zeros(2, dtype=bool), np.ones(2, dtype=bool)
-        while np.any(likelier != parts):  # Only parts with enough evidence change.
+        while likelier.any() and np.any(likelier != parts):  # Only likelier parts change.
             parts = likelier
             sudden = _sudden(settings, parts, dt)
-            replay = _replayed(track, start, count, settings, sudden, settings.noise)
+            replay = _replayed(start, recent[-count:], settings, factor, sudden, settings.noise)
             # Differences of minus twice the logarithm of the likelihood.
             gains = (squared[-count:] - replay.squared).sum(axis=0)
             gains += count * log_det - replay.log_det
             likelier = parts & (gains > _EVIDENCE)
-        gain = gains[parts].sum()
+        gain = gains[likelier].sum()
         if gain > best and replay.squared.max() <= FIRST_GATE**2:
             best, found = gain, replay
     return found
@@ -133,21 +139,20 @@ def _sudden(settings: TrackerSettings, parts: BoolArray, dt: float) -> PoseFilte
 
 
 def _replayed(
-    track: PoseTrack,
     belief: PoseBelief,
-    count: int,
+    measurements: list[PoseMeasurement],
     settings: TrackerSettings,
+    factor: float,
     noise: PoseFilterNoise,
     later_noise: PoseFilterNoise,
 ) -> Replay:
-    """Returns the newest measurements after a belief, with other noise until the first of them."""
-    steps, squared, log_det = [], [], np.zeros(2)
-    for seen in track.recent[-count:, :MEASUREMENT_SIZE]:
-        _, new, belief = settings.step(
-            belief, unpack_measurement(seen), noise, settings.p_OCoM, track.noise_factor
-        )
-        steps.append(np.concatenate([seen, pack(belief)]))
-        squared.append(new.squared)
-        log_det += np.linalg.slogdet(new.S)[1]
+    """Returns measurements after a belief, with other noise until the first of them."""
+    pairs, innovations = [], []
+    for measurement in measurements:
+        _, new, belief = settings.step(belief, measurement, noise, settings.p_OCoM, factor)
+        pairs.append((measurement, belief))
+        innovations.append(new)
         noise = later_noise
-    return Replay(np.array(steps), np.array(squared), log_det, new)
+    log_det = np.linalg.slogdet([new.S for new in innovations])[1].sum(axis=0)
+    squared = np.array([new.squared for new in innovations])
+    return Replay(pairs, squared, log_det, new)

@@ -96,7 +96,7 @@ def update_track(
     recent[-1, MEASUREMENT_SIZE:] = new.squared
     is_telling = settings.gate > 0 and track.is_locked and not is_late and largest > TELLING**2
     if is_telling and (manoeuvre := find_manoeuvre(track, new, not is_expected, settings)):
-        steps, new, is_expected = manoeuvre.steps, manoeuvre.last, True
+        steps, new, is_expected = manoeuvre.steps(), manoeuvre.last, True
         recent[-len(steps) :, MEASUREMENT_SIZE:] = manoeuvre.squared
         track = replace(track, support=0)
     excess = min(sum((factor * new.squared).tolist()) / 6, _LARGEST_EXCESS)
