@@ -12,14 +12,16 @@ from scipy.spatial.transform import Rotation
 from drake_pregrasp import MeasurementVerdict as Verdict
 from drake_pregrasp.arrays import FARTHEST, pack
 from drake_pregrasp.config.planner_config import EstimatorConfig, tracker_settings
+from drake_pregrasp.estimation.manoeuvres import find_manoeuvre
 from drake_pregrasp.estimation.pose_filter import (
     NO_MEASUREMENT,
+    Innovation,
     PoseMeasurement,
     first_belief,
     predict,
     update,
 )
-from drake_pregrasp.estimation.pose_track import PoseTrack
+from drake_pregrasp.estimation.pose_track import MEASUREMENT_SIZE, PoseTrack
 from drake_pregrasp.estimation.pose_tracker import OLDEST, update_track
 from drake_pregrasp.fast import fast_filter_step
 
@@ -350,3 +352,12 @@ def test_heavy_tails_are_no_sudden_accelerations():
             stream[k] = now, replace(z, p_WCoM=V * now + off)
         worst.append(worst_error(stream, [V * now for now, _ in stream]))
     assert np.median(worst) < 2e-3
+
+
+@pytest.mark.parametrize(("left", "is_found"), [(1.0, True), (5.0, False)])
+def test_a_part_changes_its_motion_only_by_evidence_of_its_own(left, is_found):
+    _, track = tracked(0, 30)
+    track.recent[-3:, MEASUREMENT_SIZE:] = 10.0  # With 5 left, each part has 15 of the 16 it needs.
+    new = Innovation(*5 * [np.array([np.eye(3)] * 2)], squared=np.full(2, left))
+    settings = replace(SETTINGS, step=lambda belief, *_: (belief, new, belief))
+    assert (find_manoeuvre(track, new, False, settings) is not None) == is_found
