@@ -6,8 +6,7 @@ import numpy as np
 
 from drake_pregrasp.arrays import FloatArray, IntArray
 
-SMALLEST = 64
-"""Largest number of candidates in a block of a small surface."""
+_SMALLEST = 64  # Largest number of candidates in a block of a small surface.
 
 
 def block_size(N: int) -> int:
@@ -16,7 +15,7 @@ def block_size(N: int) -> int:
     More blocks take more time for their boxes, fewer blocks for the candidates of those that lie
     across a boundary of regions.
     """
-    return max(SMALLEST, math.isqrt(4 * N))
+    return max(_SMALLEST, math.isqrt(4 * N))
 
 
 def compact_blocks(q: FloatArray, size: int) -> list[IntArray]:
