@@ -20,7 +20,7 @@ from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.studies.bench.tick_times import chosen, implementations, tick_columns
 
-_WARM_UP = 3  # Number of planning ticks before the measurement.
+_TURN, _WARM_UP = 20, 3  # Planning ticks of a turn, and its first ones, which do not count.
 
 _PROGRAM = """
 import json, sys, time
@@ -97,10 +97,12 @@ class _TimedRun:
 
 
 def time_run(job: RunJob) -> list[dict[str, Any]]:
-    """Returns a row for each implementation; all simulations advance in turn.
+    """Returns a row for each implementation; all simulations advance in turn, by 20 ticks.
 
-    Contacts adapt from the start. All times are processor times of this thread, so other processes
-    hardly affect them. If the scenario needs an extra that is not installed, the only row says so.
+    The first three ticks of a turn do not count: the other simulation has filled the processor's
+    caches with its own data. Contacts adapt from the start. All times are processor times of this
+    thread, so other processes hardly affect them. If the scenario needs an extra that is not
+    installed, the only row says so.
     """
     try:
         scenario = load_scenario(job.scenario, text=job.text)
@@ -109,29 +111,29 @@ def time_run(job: RunJob) -> list[dict[str, Any]]:
             raise
         return [{"run": job.name, "not run": error.problem}]
     scenario.planner.static_duration = 0.0
-    period, rows = scenario.planner.period, []
-    ticks = min(_WARM_UP + job.ticks, int(scenario.simulation_duration / period))
+    period = scenario.planner.period
+    ticks = min(job.ticks, int(scenario.simulation_duration / period))
+    counts = np.arange(ticks) % _TURN >= _WARM_UP
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         runs = {}
         for name in implementations():
             (Path(folder) / name).mkdir()
             with chosen(name):
                 runs[name] = _TimedRun(scenario, Path(folder) / name, stack)
-        for _ in range(ticks):
+        for begin in range(0, ticks, _TURN):
             for run in runs.values():
-                run.advance()
-        for name, run in runs.items():
-            load = float(np.mean(run.seconds[_WARM_UP:])) / period
-            rows.append(
-                {
-                    "run": job.name,
-                    "implementation": name,
-                    **tick_columns(run.timer.seconds[_WARM_UP + 1 :]),  # The first is at time 0.
-                    "processor s / s": load,
-                    "x real time": 1 / load,
-                }
-            )
-    return rows
+                for _ in range(begin, min(begin + _TURN, ticks)):
+                    run.advance()
+    return [
+        {
+            "run": job.name,
+            "implementation": name,
+            **tick_columns(np.array(run.timer.seconds[1:])[counts]),  # The first is at time 0.
+            "processor s / s": (load := float(np.mean(np.array(run.seconds)[counts])) / period),
+            "x real time": 1 / load,
+        }
+        for name, run in runs.items()
+    ]
 
 
 def time_starts(processes: int, *, compiling: bool) -> list[dict[str, Any]]:

@@ -223,7 +223,7 @@ def time_ticks(job: TickJob) -> list[dict[str, Any]]:
     ]
 
 
-def tick_columns(seconds: list[float]) -> dict[str, float]:
+def tick_columns(seconds: list[float] | FloatArray) -> dict[str, float]:
     """Returns the number of ticks, their median and 99th percentile, and the ratio of both."""
     median, high = 1e3 * np.percentile(seconds, [50, 99])
     columns = ("ticks", "median [ms]", "99 % [ms]", "99 % / median")
