@@ -92,12 +92,9 @@ class SafeRegions:
     @staticmethod
     def unlimited(labels: IntArray, num_contacts: int) -> "SafeRegions":
         """Returns regions of contacts that nothing limits, given their labels, shape (N,)."""
+        limits, causes = np.full(num_contacts, int(Limit.NONE)), np.full(num_contacts, NO_CAUSE)
         return SafeRegions(
-            labels=labels,
-            lost=np.zeros(num_contacts, dtype=bool),
-            limits=np.full(num_contacts, int(Limit.NONE)),
-            causes=np.full(num_contacts, NO_CAUSE),
-            constraints=UNCONSTRAINED,
+            labels, np.zeros(num_contacts, dtype=bool), limits, causes, UNCONSTRAINED
         )
 
     def members(self, contact: int) -> IntArray:
@@ -110,8 +107,15 @@ class SafeRegions:
 
     @cached_property
     def counts(self) -> IntArray:
-        """Number of candidates in each region, shape (n,)."""
-        counts: IntArray = np.bincount(self.labels - NO_REGION, minlength=1 + len(self.lost))[1:]
+        """Number of candidates in each region, shape (n,).
+
+        Raises:
+            InvalidArgumentError: If a label is neither `NO_REGION` nor that of a contact.
+        """
+        n = len(self.lost)
+        if not ((self.labels >= NO_REGION) & (self.labels < n)).all():
+            raise InvalidArgumentError(f"labels of regions must be from {NO_REGION} to {n - 1}")
+        counts: IntArray = np.bincount(self.labels - NO_REGION, minlength=1 + n)[1:]
         return counts
 
 
@@ -198,11 +202,9 @@ def compute_safe_regions(
         if len(now):
             parts.append(solid_half_spaces(c, now, margins))
         if len(points := obstacles.points):
-            limit, first = Limit.OBSTACLE, len(obstacles.solids)
-            column = margins[:, None]
-            parts.append(
-                point_half_spaces(c, points, margins=column, limit=limit, first_cause=first)
-            )
+            limit, first, column = Limit.OBSTACLE, len(obstacles.solids), margins[:, None]
+            own = point_half_spaces(c, points, margins=column, limit=limit, first_cause=first)
+            parts.append(own)
     few = TINY_SHARE * len(p_OQ) / max(1, int(np.count_nonzero(h > -np.inf)))
     half_spaces = joined(parts) if len(parts) > 1 else half_spaces
     same_side, N = constraints.same_side, len(p_OQ)

@@ -215,10 +215,11 @@ class CentroidSelector(LeafSystem):
                 f"port safe_regions of {self.get_name()} accepts SafeRegions,"
                 f" not a {type(regions).__name__}"
             )
-        if len(regions.labels) != len(self._surface.p_OQ):
+        n, N = len(p_OC), len(self._surface.p_OQ)
+        if (given := (len(regions.lost), len(regions.labels))) != (n, N):
             raise InvalidArgumentError(
-                f"port safe_regions of {self.get_name()} accepts regions over"
-                f" {len(self._surface.p_OQ)} candidates, not {len(regions.labels)}"
+                f"port safe_regions of {self.get_name()} accepts regions of {n} contacts"
+                f" over {N} candidates, not of {given[0]} over {given[1]}"
             )
         R_WO: FloatArray = self._X_WO_estimated.Eval(context).rotation().matrix()
         covariance_W: FloatArray = self._p_WO_covariance.Eval(context).reshape(3, 3)

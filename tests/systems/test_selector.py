@@ -26,6 +26,7 @@ from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import make_blend, make_strategy
 from drake_pregrasp.errors import ContactError
 from drake_pregrasp.regions.constraints import NO_CAUSE
+from drake_pregrasp.regions.safe_regions import SafeRegions
 from drake_pregrasp.systems import centroid_selector
 
 COVARIANCE = np.diag([1e-6, 4e-6, 1e-6])
@@ -117,24 +118,28 @@ def test_settings_reach_the_strategy(surface, p_OC, settings, strategy):
 @pytest.mark.parametrize(
     "arguments",
     [
-        {"period": 0.0},
-        {"position_spread": 0.0},
-        {"lost_standoff": np.nan},
-        {"strategy": "telepathy"},
-        {"strategy": "blend"},
+        *({name: 0.0} for name in ("period", "position_spread")),
+        *({name: np.nan} for name in ("lost_standoff", "static_duration")),
+        *({"strategy": name} for name in ("telepathy", "blend")),
         {"strategy": "blend", "blend": dp.BlendConfig(vew=-1.0)},
         {"strategy": "msv", "power": 0.0},
         {"strategy": "margin", "friction": -1.0},
-        {"static_duration": np.nan},
-        {"p_OC": np.array([[0.0, 0.0, 0.0]])},
-        {"p_OC": np.array([[0.05, 0.0, np.nan]])},
-        {"p_OC": np.zeros((0, 3))},
+        *({"p_OC": np.array(p)} for p in (np.zeros((1, 3)), [[0.05, 0, np.nan]], np.zeros((0, 3)))),
         {"fingertip_frames": ["only_one"]},
     ],
 )
 def test_bad_arguments_are_refused(surface, p_OC, arguments):
     with pytest.raises(dp.InvalidArgumentError):
         make_selector(surface, arguments.pop("p_OC", p_OC), **arguments)
+
+
+@pytest.mark.parametrize(("label", "contacts"), [(-2, N), (N, N), (0, N - 1), (0, N + 1)])
+def test_regions_of_other_contacts_are_refused(selector, surface, label, contacts):
+    """Compiled code would read beside its arrays."""
+    labels = np.full(len(surface.p_OQ), label)
+    selector.fix(safe_regions=SafeRegions.unlimited(labels, contacts))
+    with pytest.raises(dp.InvalidArgumentError, match="regions"):
+        selector.eval("p_WC")
 
 
 def test_static_contacts_stay_on_the_object_for_their_duration(surface, p_OC):
@@ -157,8 +162,7 @@ def test_fingertip_targets_look_into_the_object(surface, p_OC):
     for name, p_WCi, normal in zip(names, expected, normals, strict=True):
         X_WF = selector.eval("fingertip_targets").Find(name)
         np.testing.assert_allclose(X_WF.translation(), p_WCi, atol=1e-12)
-        z = X_WF.rotation().col(2)
-        np.testing.assert_allclose(z, X_WO.rotation() @ -normal, atol=1e-12)
+        np.testing.assert_allclose(X_WF.rotation().col(2), X_WO.rotation() @ -normal, atol=1e-12)
 
 
 def test_a_lost_contact_has_no_fingertip_target(selector, surface, p_OC):
@@ -228,8 +232,7 @@ def test_goals_stay_on_a_lost_object_and_targets_off_it(selector, surface, statu
         np.testing.assert_allclose(selector.goals, in_world(held, LATER), atol=1e-12)
         np.testing.assert_array_equal(selector.array("contact_status"), known)
         normals = (LATER.rotation() @ surface.project(held)[1].T).T
-        expected = selector.goals + STANDOFF * normals
-        np.testing.assert_allclose(selector.targets, expected, atol=1e-12)
+        np.testing.assert_allclose(selector.targets - selector.goals, STANDOFF * normals, 0, 1e-12)
         selector.tick()
         np.testing.assert_array_equal(selector.stored, held)
 
