@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
-from pydrake.math import RigidTransform
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from pydrake.systems.framework import Context, LeafSystem
 from scipy.linalg import pinv
@@ -16,7 +15,7 @@ from drake_pregrasp.grasping.grasp_state import BASE, NOT_HINDERED
 from drake_pregrasp.quality.grasp_quality import skew
 from drake_pregrasp.regions.obstacles import ANYWHERE
 from drake_pregrasp.systems import ports
-from drake_pregrasp.systems.fingertip_sensor import frame_poses, moving_joints, scoped_frame
+from drake_pregrasp.systems.fingertip_sensor import moving_joints, scoped_frame
 from drake_pregrasp.systems.hand_scene import FASTEST_APPROACH, HandScene
 from drake_pregrasp.systems.palm_posture import pose_error
 
@@ -165,8 +164,9 @@ class DifferentialKinematics(LeafSystem):
         moves = [[moving_joints(hand.plant, frame)] for frame in self._frames]
         self._moves = np.array(moves, dtype=float)
         self._turning = np.flatnonzero(self._is_goal[:, :3].any(axis=1))  # With a goal of rotation.
-        self._tips = [tip for tip, name in enumerate(hand.tip_frames) if name in masks]
-        self._tip_rows = [self._names.index(hand.tip_frames[tip]) for tip in self._tips]
+        self._tips = np.flatnonzero([name in masks for name in hand.tip_frames])
+        tip_names = [hand.tip_frames[tip] for tip in self._tips]
+        self._tip_rows = np.array([self._names.index(name) for name in tip_names], dtype=int)
         self._others = np.setdiff1d(np.arange(len(masks)), self._tip_rows)
         self._q = self.DeclareVectorInputPort("position", nq)
         self._v = self.DeclareVectorInputPort("velocity", nq)
@@ -247,8 +247,8 @@ class DifferentialKinematics(LeafSystem):
         """Returns J and V: with J v = V, frames go to their goals within limits."""
         port = f"desired_cartesian_poses of {self.get_name()}"
         X_WD = ports.validated_poses(self._goals.Eval(context), self._names, port)
-        X_WF = frame_poses(self._frames, plant_context)
-        p_WF, V = X_WF[:, :, 3], np.zeros((len(X_WF), 6))
+        X_WF = [frame.CalcPoseInWorld(plant_context) for frame in self._frames]
+        p_WF, V = np.array([X.translation() for X in X_WF]), np.zeros((len(X_WF), 6))
         J = self._moves * screws
         J[:, 3:] -= skew(p_WF) @ J[:, :3]
         is_goal = self._is_goal & np.array([[X is not None] for X in X_WD])
@@ -257,7 +257,7 @@ class DifferentialKinematics(LeafSystem):
         )
         for i in self._turning:
             if X_WD[i] is not None:
-                V[i] = pose_error(RigidTransform(X_WF[i]), X_WD[i]) / self._period
+                V[i] = pose_error(X_WF[i], X_WD[i]) / self._period
         v_goal = np.empty(p_WF.shape)
         v_goal[self._tip_rows] = self._v_WT.Eval(context).reshape(-1, 3)[self._tips]
         if len(rows := self._others):  # These move with G.

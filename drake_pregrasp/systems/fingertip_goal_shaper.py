@@ -8,7 +8,7 @@ import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BusValue, Context, DiscreteValues, LeafSystem
 
-from drake_pregrasp.arrays import FARTHEST, FloatArray
+from drake_pregrasp.arrays import FARTHEST, BoolArray, FloatArray, are_valid, validated_rates
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.contacts.selection_input import is_active
@@ -210,38 +210,42 @@ class FingertipGoalShaper(LeafSystem):
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         held = self._is_held(context)
-        was_active = context.get_discrete_state(self._active).value() > 0
-        active = was_active if held else is_active(self._status.Eval(context))
-        standoffs = np.full(len(active), self._standoff)
+        if held:
+            active: BoolArray = context.get_discrete_state(self._active).value() > 0
+        else:
+            active = is_active(self._status.Eval(context))
+        gaps: FloatArray = np.full(len(active), np.nan)
         if self._standoffs.HasValue(context):
-            asked = self._standoffs.Eval(context)
-            standoffs = np.where(np.abs(asked) <= FARTHEST, asked, standoffs)
+            gaps = self._standoffs.Eval(context)
+        if not are_valid(gaps):
+            gaps = np.where(np.abs(gaps) <= FARTHEST, gaps, self._standoff)
         kept = self._contacts if held else self._targeted
         p_OC, nhat = context.get_discrete_state(kept).value().reshape(2, -1, 3)
         p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)
         self._pose.store(context, discrete_state)
         # Paths are planned in the frame A of the approach, in which the palm's axis is z.
-        X_WG = self._pose.eval(context)
-        R_AW, R_AG = self._R_AL, self._R_AL @ X_WG.rotation().matrix()
+        R_WG, p_WG = self._pose.split(context)
+        R_AW, R_AG = self._R_AL, self._R_AL @ R_WG
         p_AG = self._p_AL - R_AG @ self._p_OCoM
-        p_AW = p_AG - R_AW @ X_WG.translation()
+        p_AW = p_AG - R_AW @ p_WG
         obstacles = ports.eval_solids(self, self._obstacles, context, R_AW, p_AW)
         if ANYWHERE in obstacles:
             discrete_state.set_value(self._rates, np.zeros(p_GT.size))
             return
-        goal = p_OC + (self._radius + standoffs)[:, None] * nhat
+        goal = p_OC + (self._radius + gaps)[:, None] * nhat
         object_solid = self._object.moved(R_AG, p_AG)
         p_AT, goal = p_GT @ R_AG.T + p_AG, goal @ R_AG.T + p_AG
         if not active.all():
             top = object_solid.highest(np.array([0.0, 0.0, 1.0]))
             withdrawn = self._places.withdrawn(p_AT, self._palm_turn(context), top)
             goal = np.where(active[:, None], goal, withdrawn)
+            gaps = np.where(active, gaps, MOVING_CLEARANCE)
         holding = held & active
         if self._fingers_hold.HasValue(context):
             holding = holding & ~(self._fingers_hold.Eval(context) <= 0)
         room = self._places.room(
             object_solid,
-            np.where(active, standoffs, MOVING_CLEARANCE),
+            gaps,
             goal,
             fixed=[solid.moved(R_AW, p_AW) for solid in self._fixed],
             obstacles=obstacles,
@@ -254,10 +258,11 @@ class FingertipGoalShaper(LeafSystem):
         v_GT = context.get_discrete_state(self._rates).value().reshape(-1, 3)
         shaped = (shape_goals(p_AT, v_GT @ R_AG.T, goal, self._pace, room) - p_AG) @ R_AG
         rates = self._pace.limited((shaped - p_GT) / self._pace.period, v_GT)
-        discrete_state.set_value(self._active, active.astype(float))
         discrete_state.set_value(self._tips, shaped.ravel())
         discrete_state.set_value(self._rates, rates.ravel())
-        discrete_state.set_value(self._contacts, np.concatenate([p_OC, nhat]).ravel())
+        if not held:
+            discrete_state.set_value(self._active, active.astype(float))
+            discrete_state.set_value(self._contacts, np.concatenate([p_OC, nhat]).ravel())
 
     def _is_held(self, context: Context) -> bool:
         # NaN is not <= 0 either, so it holds the contacts.
@@ -289,9 +294,9 @@ class FingertipGoalShaper(LeafSystem):
 
     def _calc_tip_goals(self, context: Context) -> BusValue:
         p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)
-        X_WG, V_WG = self._pose.eval(context), ports.validated_velocity(self._V_WG.Eval(context))
-        R_WG = rotation_matrix(V_WG.rotational() * self._lead) @ X_WG.rotation().matrix()
-        p_WT = p_GT @ R_WG.T + X_WG.translation() + V_WG.translational() * self._lead
+        (R_WG, p_WG), (w_WG, v_WG) = self._pose.split(context), self._eval_V_WG(context)
+        R_WG = rotation_matrix(w_WG * self._lead) @ R_WG
+        p_WT = p_GT @ R_WG.T + p_WG + v_WG * self._lead
         bus, pose = BusValue(), ports.POSE.Clone()
         for name, p in zip(self._tip_frames, p_WT, strict=True):
             pose.get_mutable_value().set_translation(p)
@@ -301,8 +306,10 @@ class FingertipGoalShaper(LeafSystem):
     def _calc_rates(self, context: Context) -> FloatArray:
         p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)
         v_GT: FloatArray = context.get_discrete_state(self._rates).value().reshape(-1, 3)
-        R_WG = self._pose.eval(context).rotation().matrix()
-        V_WG = ports.validated_velocity(self._V_WG.Eval(context))
-        carried = p_GT @ (skew(V_WG.rotational()) @ R_WG).T + V_WG.translational()
-        rates: FloatArray = carried + v_GT @ R_WG.T
+        (R_WG, _), (w_WG, v_WG) = self._pose.split(context), self._eval_V_WG(context)
+        rates: FloatArray = p_GT @ (skew(w_WG) @ R_WG).T + v_WG + v_GT @ R_WG.T
         return rates
+
+    def _eval_V_WG(self, context: Context) -> FloatArray:
+        """Returns the angular and the linear velocity of G in W, shape (2, 3)."""
+        return validated_rates(self._V_WG.Eval(context).get_coeffs()).reshape(2, 3)

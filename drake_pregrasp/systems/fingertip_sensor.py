@@ -87,16 +87,17 @@ class HandKinematics:
             torques: Torques of all joints, shape (nq,), in N m.
             limits: Largest horizontal force of each fingertip, shape (n,), in newtons.
         """
-        level = self.tip_forces(plant_context, torques) * [1.0, 1.0, 0.0]
+        J = self.tip_jacobians(plant_context) * self._is_own[:, None]
+        level = _pressing_forces(J, torques) * [1.0, 1.0, 0.0]
         size = np.linalg.norm(level, axis=1)
         excess = level * np.maximum(0.0, 1 - limits / np.maximum(size, 1e-9))[:, None]
-        J = self.tip_jacobians(plant_context) * self._is_own[:, None]
         less: FloatArray = torques - np.einsum("nij,ni->j", J, excess)
         return less
 
     def tip_positions(self, plant_context: Context) -> FloatArray:
         """Returns the fingertips' centres in W, shape (n, 3), in metres."""
-        return frame_poses(self.frames, plant_context)[:, :, 3]
+        poses = [frame.CalcPoseInWorld(plant_context) for frame in self.frames]
+        return np.array([X_WT.translation() for X_WT in poses])
 
     def screws(self, plant_context: Context) -> FloatArray:
         """Returns the screws of the joints in W, shape (6, nq).
@@ -140,16 +141,21 @@ class HandKinematics:
             actuation: Torques of all joints, shape (nq,), in N m.
         """
         J = self.tip_jacobians(plant_context) * self._is_own[:, None]
-        # U and s of J = U s Vᵀ come from J Jᵀ = U s² Uᵀ, which is smaller; Vᵀ tau is s⁻¹ Uᵀ J tau.
-        squared, along = J @ J.swapaxes(1, 2), (J @ actuation)[:, :, None]
-        # The determinant is at most s² (trace/2)², so nothing is damped if it is large enough.
-        traces = squared.trace(axis1=1, axis2=2)
-        if (4 * np.linalg.det(squared) > _LEAST_SHARE**2 * traces**3).all():
-            return np.asarray(np.linalg.solve(squared, along)[:, :, 0])
-        squares, U = np.linalg.eigh(squared)
-        gains = 1 / np.maximum(squares, _LEAST_SHARE**2 * squares[:, -1:])
-        forces: FloatArray = (U @ (gains[:, :, None] * (U.swapaxes(1, 2) @ along)))[:, :, 0]
-        return forces
+        return _pressing_forces(J, actuation)
+
+
+def _pressing_forces(J: FloatArray, torques: FloatArray) -> FloatArray:
+    """Returns `tip_forces` by the Jacobians of the fingers' own joints, shape (n, 3, nq)."""
+    # U and s of J = U s Vᵀ come from J Jᵀ = U s² Uᵀ, which is smaller; Vᵀ tau is s⁻¹ Uᵀ J tau.
+    squared, along = J @ J.swapaxes(1, 2), (J @ torques)[:, :, None]
+    # The determinant is at most s² (trace/2)², so nothing is damped if it is large enough.
+    traces = squared.trace(axis1=1, axis2=2)
+    if (4 * np.linalg.det(squared) > _LEAST_SHARE**2 * traces**3).all():
+        return np.asarray(np.linalg.solve(squared, along)[:, :, 0])
+    squares, U = np.linalg.eigh(squared)
+    gains = 1 / np.maximum(squares, _LEAST_SHARE**2 * squares[:, -1:])
+    forces: FloatArray = (U @ (gains[:, :, None] * (U.swapaxes(1, 2) @ along)))[:, :, 0]
+    return forces
 
 
 @dataclass(frozen=True)

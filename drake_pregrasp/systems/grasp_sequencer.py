@@ -11,7 +11,15 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.tree import UniformGravityFieldElement
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, norms, pack, unpacker, validated_numbers
+from drake_pregrasp.arrays import (
+    BoolArray,
+    FloatArray,
+    norms,
+    pack,
+    unpacker,
+    validated_numbers,
+    validated_rates,
+)
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.hand_description import Fingertip
@@ -239,9 +247,8 @@ class GraspSequencer(LeafSystem):
         ):
             held: HeldMotion = self._held.Eval(context)
             return held
-        X, V = self._pose.eval(context), ports.validated_velocity(self._V_WO.Eval(context))
-        R_WO, V_WO = X.rotation().matrix(), V.get_coeffs().reshape(2, 3)
-        return HeldMotion(context.get_time(), R_WO, X.translation(), V_WO, np.zeros((2, 3)))
+        V_WO = validated_rates(self._V_WO.Eval(context).get_coeffs()).reshape(2, 3)
+        return HeldMotion(context.get_time(), *self._pose.split(context), V_WO, np.zeros((2, 3)))
 
     def _calc_X_WG(self, context: Context) -> RigidTransform:
         motion: HeldMotion = self._motion.Eval(context)
@@ -331,7 +338,7 @@ class GraspSequencer(LeafSystem):
             distances, nhat = self._solid.distance_and_gradient(p_OT)
             p_OC = p_OT - distances[:, None] * nhat
         forces, settings = np.zeros((len(active), 3)), self._settings
-        R_WO = self._pose.eval(context).rotation().matrix()
+        R_WO, _ = self._pose.split(context)
         if not np.all(np.isfinite([p_OC, nhat])):
             return Squeeze(forces, GRAVITY * self._mass)
         # A ramp of duration T over the height h accelerates by at most 6 h / T^2.

@@ -61,7 +61,7 @@ class _PalmPosture(LeafSystem):
         self._tip_frames, self._azimuths = list(tip_frames), np.array(finger_azimuths)
         self._yaw_range, self._period, self._X_LA = yaw_range, period, X_LA
         self._p_OCoM: FloatArray = np.zeros(3) if p_OCoM is None else np.array(p_OCoM)
-        self._R_LA = X_LA.rotation().matrix()
+        self._R_LA, self._p_LA = X_LA.rotation().matrix(), X_LA.translation()
 
         self._state: DiscreteStateIndex = self.DeclareDiscreteState(state)
         self._tip_goals = self.DeclareAbstractInputPort("tip_goals", ports.BUS)
@@ -87,16 +87,17 @@ class _PalmPosture(LeafSystem):
 
     def _p_WL(self, context: Context) -> FloatArray:
         """Returns the position in W of the centre of mass of an object at G, shape (3,)."""
-        X_WG = self._carrier.eval(context)
-        p_WL: FloatArray = X_WG.translation() + X_WG.rotation().matrix() @ self._p_OCoM
+        R_WG, p_WG = self._carrier.split(context)
+        p_WL: FloatArray = p_WG + R_WG @ self._p_OCoM
         return p_WL
 
     def _rates(self, context: Context) -> FloatArray:
         """Returns the velocity of L with G in W, and the rate of turn about z of A, shape (4,)."""
         V_WL = ports.validated_velocity(self._V_WG.Eval(context))
         if self._p_OCoM.any():
-            V_WL = V_WL.Shift(self._carrier.eval(context).rotation().matrix() @ self._p_OCoM)
-        return np.array([*V_WL.translational(), V_WL.rotational() @ self._R_LA[:, 2]])
+            V_WL = V_WL.Shift(self._carrier.split(context)[0] @ self._p_OCoM)
+        rates = V_WL.get_coeffs()
+        return np.append(rates[3:], rates[:3] @ self._R_LA[:, 2])
 
     def _yaw_toward(
         self, context: Context, yaw: float, ahead: FloatArray | float, *limits: Any
@@ -106,7 +107,7 @@ class _PalmPosture(LeafSystem):
         if len(p_WT) < len(self._tip_frames):
             return yaw
         p_LT = np.array(p_WT) - self._p_WL(context) - ahead
-        p_AT = (p_LT - self._X_LA.translation()) @ self._R_LA
+        p_AT = (p_LT - self._p_LA) @ self._R_LA
         return palm_turn(p_AT, self._azimuths, yaw, *limits)
 
     def _store_poses(self, context: Context, discrete_state: DiscreteValues) -> None:

@@ -22,7 +22,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from drake_pregrasp.arrays import FloatArray, is_valid_pose, validated_rates
+from drake_pregrasp.arrays import FloatArray, are_valid, is_valid_pose, validated_rates
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.pose_track import FOLLOWED
 from drake_pregrasp.geometry.solids import Solid
@@ -176,22 +176,22 @@ class LastPose:
         self.source = declare_cache(
             system,
             f"valid pose of {port.get_name()}",
-            (RigidTransform(), True),
+            (RigidTransform(), np.empty((3, 4)), True),
             self._calc_valid,
             port,
             system.discrete_state_ticket(self._index),
         )
 
-    def _calc_valid(self, context: Context) -> tuple[RigidTransform, bool]:
+    def _calc_valid(self, context: Context) -> tuple[RigidTransform, FloatArray, bool]:
         X: RigidTransform = self._port.Eval(context)
-        if is_valid(X):
-            return RigidTransform(X), True  # A copy: Drake overwrites port values.
-        stored = context.get_discrete_state(self._index).value()
-        return RigidTransform(stored.reshape(3, 4)), False
+        if is_valid(X):  # Copies, because Drake overwrites port values.
+            return RigidTransform(X), X.GetAsMatrix34(), True
+        stored = context.get_discrete_state(self._index).value().reshape(3, 4)
+        return RigidTransform(stored), stored, False
 
     def is_tracked(self, context: Context) -> bool:
         """Returns whether the pose at the port is valid and goals may follow it."""
-        is_sound: bool = self.source.Eval(context)[1]
+        is_sound: bool = self.source.Eval(context)[2]
         port = self._tracking_status
         return is_sound and (port is None or is_followed(port, context))
 
@@ -200,11 +200,15 @@ class LastPose:
         X: RigidTransform = self.source.Eval(context)[0]
         return X
 
+    def split(self, context: Context) -> tuple[FloatArray, FloatArray]:
+        """Returns the rotation matrix and the position of `eval`, without copies."""
+        matrix: FloatArray = self.source.Eval(context)[1]
+        return matrix[:, :3], matrix[:, 3]
+
     def store(self, context: Context, discrete_state: DiscreteValues) -> None:
         """Stores the last valid pose, if the port is connected."""
         if self._port.HasValue(context):
-            X = self.eval(context)
-            discrete_state.set_value(self._index, X.GetAsMatrix34().ravel())
+            discrete_state.set_value(self._index, self.source.Eval(context)[1].ravel())
 
 
 def pose_bus(poses: Mapping[str, RigidTransform]) -> BusValue:
@@ -246,6 +250,9 @@ def validated_velocity(V: SpatialVelocity) -> SpatialVelocity:
 
 def is_valid(X: RigidTransform) -> bool:
     """Returns whether a pose is finite, not too far away, and has a valid rotation."""
+    # Most rotations are exact up to rounding, which Drake finds out faster.
+    if X.rotation().IsValid():
+        return are_valid(X.translation())
     return is_valid_pose(X.GetAsMatrix34())
 
 
