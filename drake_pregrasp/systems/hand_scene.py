@@ -175,8 +175,8 @@ class HandScene:
         kinds = [(link.finger, link.is_tip, link.is_last) for link in links.values()]
         self._finger, is_tip, is_last = np.array(kinds).T
         self._is_tip, self._is_last = is_tip > 0, is_last > 0
+        self._alone = np.where(self._is_tip, TIP_CLEARANCE, LINK_CLEARANCE)
         inspector = self._graph.model_inspector()
-        self._X_BG = np.array([inspector.GetPoseInFrame(g).GetAsMatrix34() for g in links])
         self._balls = [link_balls(inspector, geometry) for geometry in links]
 
     def place(
@@ -229,39 +229,38 @@ class HandScene:
         """
         query = self._query.Eval(self._graph.GetMyContextFromRoot(context))
         index, others, links = self._index, len(self._index), len(self._frames)
-        found = [
-            (a, b, pair.distance, pair.p_ACa if a < links else pair.p_BCb, pair.nhat_BA_W)
-            for pair in query.ComputeSignedDistancePairwiseClosestPoints(_INFLUENCE)
-            if min(a := index.get(pair.id_A, others), b := index.get(pair.id_B, others)) < links
-        ]
+        found = []
+        for pair in query.ComputeSignedDistancePairwiseClosestPoints(_INFLUENCE):
+            a, b = index.get(pair.id_A, others), index.get(pair.id_B, others)
+            if a < links:
+                p_WC = query.GetPoseInWorld(pair.id_A) @ pair.p_ACa
+                found.append((a, b, pair.distance, p_WC, pair.nhat_BA_W))
+            elif b < links:
+                p_WC = query.GetPoseInWorld(pair.id_B) @ pair.p_BCb
+                found.append((b, a, pair.distance, p_WC, -pair.nhat_BA_W))
         if not found:
             return Clearances(np.empty((0, screws.shape[1])), np.empty(0), np.empty(0, int))
-        A, B, gaps, p_GC, normals = (np.array(values) for values in zip(*found, strict=True))
-        link, other = np.where(links > A, A, B), np.maximum(A, B)
-        is_object, among_fingers = other == links, other < links
-        finger, is_tip = self._finger[link], self._is_tip[link]
-        alone = np.where(is_tip, TIP_CLEARANCE, LINK_CLEARANCE)
-        least_gaps = np.where(among_fingers, FINGER_CLEARANCE, alone)
+        link, other, gaps, p_WC, normals = (np.array(part) for part in zip(*found, strict=True))
+        is_object, among_fingers, finger = other == links, other < links, self._finger[link]
+        least_gaps = np.where(among_fingers, FINGER_CLEARANCE, self._alone[link])
 
-        # Rate of a gap: its normal n times the velocity of A at the point C less that of B, where a
-        # body that moves with (w, v) at the origin of W has the velocity v + w x p. Any C on the
-        # line between the nearest points will do.
-        frames = [self._frames[i] for i in link]
-        X_WB = frame_poses(frames, self.hand.plant.GetMyContextFromRoot(context))
-        p_WC = _transformed(X_WB, _transformed(self._X_BG[link], p_GC))
+        # Rate of a gap: its normal n, away from the other geometry, times the velocity of the link
+        # at the point C less that of the other, where a body that moves with (w, v) at the origin
+        # of W has the velocity v + w x p. Any C on the line between the nearest points will do.
         X_WO = query.GetPoseInWorld(self._object_frame)
         if self._solid is not None and len(rows := np.flatnonzero(is_object)):
             # Drake measures from the hull of the object.
             solid = self._solid.moved(X_WO.rotation().matrix(), X_WO.translation())
-            gaps[rows], p_WC[rows], outward = self._nearest(solid, link[rows], X_WB[rows])
-            normals[rows] = np.where((A < B)[rows, None], outward, -outward)
+            plant_context = self.hand.plant.GetMyContextFromRoot(context)
+            gaps[rows], p_WC[rows], normals[rows] = self._nearest(solid, link[rows], plant_context)
         along = np.concatenate([(skew(p_WC) @ normals[:, :, None])[:, :, 0], normals], axis=1)
-        rates = (along @ screws) * (self._moves[A] - self._moves[B])
+        rates = (along @ screws) * (self._moves[link] - self._moves[other])
         V_WW = V_WO.Shift(-X_WO.translation())
-        drift = np.where(A > B, 1, -1) * is_object * (along @ V_WW.get_coeffs())
-        speeds = np.minimum(_RATE * (least_gaps - gaps), _RETREAT) - drift
+        drift = is_object * (along @ V_WW.get_coeffs())
+        speeds = np.minimum(_RATE * (least_gaps - gaps), _RETREAT) + drift
         if not holding.any():
             return Clearances(rates, speeds, finger)
+        is_tip = self._is_tip[link]
         tips = {finger[row]: row for row in np.flatnonzero(is_object & is_tip)}
         last = is_object & self._is_last[link] & ~is_tip & holding[finger]
         for row in np.flatnonzero(last):
@@ -270,24 +269,25 @@ class HandScene:
                 lead = gaps[row] - gaps[tip]
                 rates[row] -= rates[tip]
                 fastest = min(_RATE * (_TIP_LEAD - lead), 0.0)
-                speeds[row] = fastest - (drift[row] - drift[tip])
+                speeds[row] = fastest + drift[row] - drift[tip]
         kept = among_fingers | ~(is_tip & holding[finger])
         return Clearances(rates[kept], speeds[kept], finger[kept])
 
     def _nearest(
-        self, solid: SignedDistance, link: IntArray, X_WB: FloatArray
+        self, solid: SignedDistance, link: IntArray, plant_context: Context
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Returns gaps of links to a solid in W, points on the way, and outward normals there.
 
         Args:
             solid: The solid in W.
             link: Indices of the links, shape (k,).
-            X_WB: Poses of their bodies, shape (k, 3, 4).
+            plant_context: Context of the hand's plant.
         """
         counts = [len(self._balls[i]) for i in link]
         owner, balls = np.repeat(np.arange(len(link)), counts), [self._balls[i] for i in link]
         centers, radii = np.split(np.concatenate(balls), [3], axis=1)
-        p_WS = _transformed(X_WB[owner], centers)
+        X_WB = frame_poses([self._frames[i] for i in link], plant_context)[owner]
+        p_WS = (X_WB[:, :, :3] @ centers[:, :, None])[:, :, 0] + X_WB[:, :, 3]
         distances, outward = solid.distance_and_gradient(p_WS)
         gaps = distances - radii[:, 0]
         nearest = np.lexsort((gaps, owner))[np.cumsum(counts) - counts]
@@ -327,12 +327,6 @@ def link_balls(inspector: SceneGraphInspector, geometry: GeometryId) -> FloatArr
         centers = np.unique(parts.corners.reshape(-1, 3), axis=0)
     p_BS = (inspector.GetPoseInFrame(geometry) @ centers.T).T
     return np.column_stack([p_BS, np.full(len(p_BS), radius)])
-
-
-def _transformed(X_AB: FloatArray, p_BP: FloatArray) -> FloatArray:
-    """Returns points in A, shape (k, 3), by poses of shape (k, 3, 4)."""
-    p_AP: FloatArray = (X_AB[:, :, :3] @ p_BP[:, :, None])[:, :, 0] + X_AB[:, :, 3]
-    return p_AP
 
 
 def _geometry(name: str, shape: Shape, X_FG: RigidTransform) -> GeometryInstance:
