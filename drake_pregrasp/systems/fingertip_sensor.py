@@ -9,6 +9,7 @@ from pydrake.geometry import GeometryId, SceneGraphInspector
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable, ModelInstanceIndex
 from pydrake.systems.framework import Context, LeafSystem
+from scipy.linalg.lapack import dposv
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray, are_valid, validated_numbers
 from drake_pregrasp.errors import InvalidArgumentError
@@ -147,15 +148,22 @@ class HandKinematics:
 def _pressing_forces(J: FloatArray, torques: FloatArray) -> FloatArray:
     """Returns `tip_forces` by the Jacobians of the fingers' own joints, shape (n, 3, nq)."""
     # U and s of J = U s Vᵀ come from J Jᵀ = U s² Uᵀ, which is smaller; Vᵀ tau is s⁻¹ Uᵀ J tau.
-    squared, along = J @ J.swapaxes(1, 2), (J @ torques)[:, :, None]
-    # The determinant is at most s² (trace/2)², so nothing is damped if it is large enough.
-    traces = squared.trace(axis1=1, axis2=2)
-    if (4 * np.linalg.det(squared) > _LEAST_SHARE**2 * traces**3).all():
-        return np.asarray(np.linalg.solve(squared, along)[:, :, 0])
-    squares, U = np.linalg.eigh(squared)
+    # Fingers share no own joint, so one J of all of them has the same blocks, and zeros else.
+    J = J.reshape(-1, len(torques))
+    squared, along = J @ J.T, J @ torques
+    roots, forces, failure = dposv(squared, along)
+    # The determinant is at most s² (trace/2)², so nothing is damped if it is large enough. It is
+    # the squared product of the diagonal of Cholesky's factor.
+    volumes = np.multiply.reduce(roots.diagonal().reshape(-1, 3), axis=1)
+    traces = np.add.reduce(squared.diagonal().reshape(-1, 3), axis=1)
+    if not failure and (4 * volumes**2 > _LEAST_SHARE**2 * traces**3).all():
+        return np.asarray(forces.reshape(-1, 3))
+    fingers = np.arange(len(traces))
+    blocks = squared.reshape(len(fingers), 3, -1, 3)[fingers, :, fingers]
+    squares, U = np.linalg.eigh(blocks)
     gains = 1 / np.maximum(squares, _LEAST_SHARE**2 * squares[:, -1:])
-    forces: FloatArray = (U @ (gains[:, :, None] * (U.swapaxes(1, 2) @ along)))[:, :, 0]
-    return forces
+    damped: FloatArray = U @ (gains[:, :, None] * (U.swapaxes(1, 2) @ along.reshape(-1, 3, 1)))
+    return damped[:, :, 0]
 
 
 @dataclass(frozen=True)
