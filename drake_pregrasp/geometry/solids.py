@@ -9,6 +9,7 @@ from drake_pregrasp.arrays import FloatArray, norms
 from drake_pregrasp.errors import InvalidArgumentError
 
 _I = np.eye(3)
+_HALF = [-np.inf] * 3 + [np.inf] * 2 + [0.0, 0.0]  # Bounds and radius of a half-space's box.
 
 
 class SignedDistance(ABC):
@@ -160,8 +161,7 @@ class HalfSpace(Solid):
     def rounded_box(self) -> FloatArray:
         """See `Solid`."""
         normal_only = np.outer(self.normal, [0.0, 0.0, 1.0])
-        high = np.array([np.inf, np.inf, 0.0])
-        return _row(self.point, normal_only, np.full(3, -np.inf), high)
+        return np.concatenate([self.point, normal_only.ravel(), _HALF])
 
     def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "HalfSpace":
         """See `Solid`."""
@@ -219,6 +219,9 @@ def rounded_box_distances(row: FloatArray, p_FP: FloatArray) -> FloatArray:
             lower (3) and upper (3) bounds along them, and the radius, in metres.
         p_FP: Positions of the points in F, shape (k, 3), in metres.
     """
+    if row[12:].tolist() == _HALF:  # A half-space: the height over its plane.
+        height: FloatArray = (p_FP - row[:3]) @ row[5:12:3]
+        return height
     p_BP = (p_FP - row[:3]) @ row[3:12].reshape(3, 3)
     beyond = np.maximum(p_BP - row[15:18], row[12:15] - p_BP)
     inside = np.minimum(np.maximum.reduce(beyond, axis=1), 0)

@@ -67,15 +67,17 @@ class CsvLog:
                 file.truncate(start + file.read().rfind(b"\n") + 1)
 
     def write(self, *parts: Any) -> None:
-        """Adds a row of the numbers in all parts; it may stay in memory for a second."""
+        """Adds a row of the numbers in all parts; it may stay in memory for a second.
+
+        Poses are written as their `pose_values`.
+        """
         self.num_rows += 1
         self._waiting.append(parts)
         if time.monotonic() - self._flushed > _FLUSH_PERIOD:
             self._flush()
 
     def _flush(self) -> None:
-        rows = (np.concatenate(parts, axis=None).tolist() for parts in self._waiting)
-        text = "".join(",".join(map(repr, row)) + "\n" for row in rows)
+        text = "".join(",".join(map(repr, _numbers(parts))) + "\n" for parts in self._waiting)
         self._waiting.clear()  # An interrupt can cost the last rows, but none between others.
         with writing(self._path):
             self._file.write(text)
@@ -194,6 +196,12 @@ def pose_values(X: RigidTransform) -> FloatArray:
     return np.concatenate([X.translation(), X.rotation().ToQuaternion().wxyz()])
 
 
+def _numbers(parts: Sequence[Any]) -> list[float]:
+    plain = [pose_values(part) if type(part) is RigidTransform else part for part in parts]
+    numbers: list[float] = np.concatenate(plain, axis=None).tolist()
+    return numbers
+
+
 class GraspLog(CsvLog):
     """Writes control ticks of a hand to `grasp.csv`.
 
@@ -209,7 +217,7 @@ class GraspLog(CsvLog):
     def append(self, record: GraspRecord) -> None:
         """Adds a tick."""
         points = (record.p_WT, record.p_GT, record.f_T_W)
-        poses = map(pose_values, (record.X_WG, record.X_WO, record.X_WD))
+        poses = (record.X_WG, record.X_WO, record.X_WD)
         self.write(record.time, record.report, *points, *poses, record.link_forces)
 
     def read_points(self, kind: str) -> FloatArray:

@@ -25,6 +25,7 @@ _DAMPING = 1e-3  # Singular value of a Jacobian, in metres, below which its dire
 _LIMIT_RATE = 10.0  # Largest ratio of a joint's speed to its distance from a limit, in 1/s.
 _USED = 0.75  # Share of the limit of acceleration that is commanded: drives and clearances add.
 _GUESSES = 5  # Guesses of the active set before the solver is asked.
+_EITHER_WAY = np.array([[1.0], [-1.0]])  # Signs of a joint's motion up and down.
 _IN_W = np.eye(3), np.zeros(3)  # Rotation and position of W in itself.
 _TOLERANCE = 1e-9  # Violation of a constraint that is rounding, in m/s or rad/s.
 
@@ -160,6 +161,7 @@ class DifferentialKinematics(LeafSystem):
         self._gain, self._period, self._each = posture_gain, period, np.eye(nq)
         self._pace = Pace(FASTEST_APPROACH, _USED * acceleration, period)
         self._change = hand.acceleration_limit * period
+        self._ends = np.stack([hand.upper, -hand.lower])
         self._names, self._is_goal = list(masks), np.array(list(masks.values())) > 0
         self._frames = [scoped_frame(hand.plant, name) for name in masks]
         moves = [[moving_joints(hand.plant, frame)] for frame in self._frames]
@@ -235,12 +237,12 @@ class DifferentialKinematics(LeafSystem):
 
     def _bounds(self, q: FloatArray, v_last: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns the smallest and largest velocities that respect the joints' limits."""
-        hand = self._hand
-        most = np.minimum(hand.rate_limit, _LIMIT_RATE * np.maximum(hand.upper - q, 0.0))
-        least = -np.minimum(hand.rate_limit, _LIMIT_RATE * np.maximum(q - hand.lower, 0.0))
-        slowest, fastest = v_last - self._change, v_last + self._change
-        least, most = (np.maximum(slowest, np.minimum(v, fastest)) for v in (least, most))
-        return least, most
+        rate_limit, last = self._hand.rate_limit, _EITHER_WAY * v_last
+        room = self._ends - _EITHER_WAY * q
+        fastest = np.minimum(rate_limit, _LIMIT_RATE * np.maximum(room, 0.0))
+        fastest = np.minimum(fastest, last + self._change)
+        up, down = np.maximum(fastest, last - self._change)
+        return -down, up
 
     def _goal_rates(
         self, context: Context, plant_context: Context, screws: FloatArray, v_last: FloatArray

@@ -97,7 +97,7 @@ class _PalmPosture(LeafSystem):
         if self._p_OCoM.any():
             V_WL = V_WL.Shift(self._carrier.split(context)[0] @ self._p_OCoM)
         rates = V_WL.get_coeffs()
-        return np.append(rates[3:], rates[:3] @ self._R_LA[:, 2])
+        return np.array([*rates[3:].tolist(), rates[:3] @ self._R_LA[:, 2]])
 
     def _yaw_toward(
         self, context: Context, yaw: float, ahead: FloatArray | float, *limits: Any
@@ -217,7 +217,7 @@ class CarrierPosture(_PalmPosture):
         if not gain > 0:
             raise InvalidArgumentError(f"gain must be greater than 0 1/s, not {gain}")
         self._home, self._lead = np.array(home, dtype=float), 1 / gain
-        self._slides, self._turn = list(carrier[:3]), carrier[3]
+        self._slides, self._turn = np.array(carrier[:3]), carrier[3]
         stored, inputs = self.xd_ticket(), (self._tip_goals, self._X_WG)
         self._turned = ports.declare_cache(self, "yaw", 0.0, self._calc_yaw, stored, *inputs)
         nq, turned = len(self._home), self._turned

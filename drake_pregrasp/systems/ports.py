@@ -184,10 +184,10 @@ class LastPose:
 
     def _calc_valid(self, context: Context) -> tuple[RigidTransform, FloatArray, bool]:
         X: RigidTransform = self._port.Eval(context)
-        if is_valid(X):  # Copies, because Drake overwrites port values.
-            return RigidTransform(X), X.GetAsMatrix34(), True
-        stored = context.get_discrete_state(self._index).value().reshape(3, 4)
-        return RigidTransform(stored), stored, False
+        is_sound = is_valid(X)
+        stored = X if is_sound else context.get_discrete_state(self._index).value().reshape(3, 4)
+        X = RigidTransform(stored)  # A copy: Drake overwrites port values.
+        return X, X.GetAsMatrix34(), is_sound
 
     def is_tracked(self, context: Context) -> bool:
         """Returns whether the pose at the port is valid and goals may follow it."""
