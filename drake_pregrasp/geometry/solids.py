@@ -220,8 +220,7 @@ def rounded_box_distances(row: FloatArray, p_FP: FloatArray) -> FloatArray:
         p_FP: Positions of the points in F, shape (k, 3), in metres.
     """
     if row[12:].tolist() == _HALF:  # A half-space: the height over its plane.
-        height: FloatArray = (p_FP - row[:3]) @ row[5:12:3]
-        return height
+        return np.asarray((p_FP - row[:3]) @ row[5:12:3])
     p_BP = (p_FP - row[:3]) @ row[3:12].reshape(3, 3)
     beyond = np.maximum(p_BP - row[15:18], row[12:15] - p_BP)
     inside = np.minimum(np.maximum.reduce(beyond, axis=1), 0)

@@ -237,11 +237,9 @@ class DifferentialKinematics(LeafSystem):
 
     def _bounds(self, q: FloatArray, v_last: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns the smallest and largest velocities that respect the joints' limits."""
-        rate_limit, last = self._hand.rate_limit, _EITHER_WAY * v_last
-        room = self._ends - _EITHER_WAY * q
-        fastest = np.minimum(rate_limit, _LIMIT_RATE * np.maximum(room, 0.0))
-        fastest = np.minimum(fastest, last + self._change)
-        up, down = np.maximum(fastest, last - self._change)
+        room, last = self._ends - _EITHER_WAY * q, _EITHER_WAY * v_last
+        fastest = np.minimum(self._hand.rate_limit, _LIMIT_RATE * np.maximum(room, 0.0))
+        up, down = np.maximum(last - self._change, np.minimum(fastest, last + self._change))
         return -down, up
 
     def _goal_rates(
@@ -264,9 +262,9 @@ class DifferentialKinematics(LeafSystem):
         v_goal = np.empty(p_WF.shape)
         v_goal[self._tip_rows] = self._v_WT.Eval(context).reshape(-1, 3)[self._tips]
         if len(rows := self._others):  # These move with G.
-            V_WG = ports.validated_velocity(self._V_WG.Eval(context))
+            w_WG, v_WG = ports.validated_velocity(self._V_WG.Eval(context))
             p_GF_W = p_WF[rows] - self._X_WG.Eval(context).translation()
-            v_goal[rows] = V_WG.translational() + p_GF_W @ skew(V_WG.rotational()).T
+            v_goal[rows] = v_WG + p_GF_W @ skew(w_WG).T
         wanted = (p_WD - p_WF) / self._period - v_goal
         V[:, 3:] = v_goal + self._pace.toward(wanted, J[:, 3:] @ v_last - v_goal)
         return J[is_goal], V[is_goal]

@@ -8,7 +8,7 @@ import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BusValue, Context, DiscreteValues, LeafSystem
 
-from drake_pregrasp.arrays import FARTHEST, BoolArray, FloatArray, are_valid, validated_rates
+from drake_pregrasp.arrays import FARTHEST, FloatArray, are_valid
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.contacts.selection_input import is_active
@@ -210,14 +210,11 @@ class FingertipGoalShaper(LeafSystem):
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         held = self._is_held(context)
-        if held:
-            active: BoolArray = context.get_discrete_state(self._active).value() > 0
-        else:
-            active = is_active(self._status.Eval(context))
-        gaps: FloatArray = np.full(len(active), np.nan)
-        if self._standoffs.HasValue(context):
-            gaps = self._standoffs.Eval(context)
-        if not are_valid(gaps):
+        stored = context.get_discrete_state(self._active)
+        active = is_active(stored.value() if held else self._status.Eval(context))
+        gaps: FloatArray = np.full(len(active), self._standoff)
+        asked = self._standoffs
+        if asked.HasValue(context) and not are_valid(gaps := asked.Eval(context)):
             gaps = np.where(np.abs(gaps) <= FARTHEST, gaps, self._standoff)
         kept = self._contacts if held else self._targeted
         p_OC, nhat = context.get_discrete_state(kept).value().reshape(2, -1, 3)
@@ -294,7 +291,8 @@ class FingertipGoalShaper(LeafSystem):
 
     def _calc_tip_goals(self, context: Context) -> BusValue:
         p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)
-        (R_WG, p_WG), (w_WG, v_WG) = self._pose.split(context), self._eval_V_WG(context)
+        R_WG, p_WG = self._pose.split(context)
+        w_WG, v_WG = ports.validated_velocity(self._V_WG.Eval(context))
         R_WG = rotation_matrix(w_WG * self._lead) @ R_WG
         p_WT = p_GT @ R_WG.T + p_WG + v_WG * self._lead
         bus, pose = BusValue(), ports.POSE.Clone()
@@ -306,10 +304,7 @@ class FingertipGoalShaper(LeafSystem):
     def _calc_rates(self, context: Context) -> FloatArray:
         p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)
         v_GT: FloatArray = context.get_discrete_state(self._rates).value().reshape(-1, 3)
-        (R_WG, _), (w_WG, v_WG) = self._pose.split(context), self._eval_V_WG(context)
+        R_WG, _ = self._pose.split(context)
+        w_WG, v_WG = ports.validated_velocity(self._V_WG.Eval(context))
         rates: FloatArray = p_GT @ (skew(w_WG) @ R_WG).T + v_WG + v_GT @ R_WG.T
         return rates
-
-    def _eval_V_WG(self, context: Context) -> FloatArray:
-        """Returns the angular and the linear velocity of G in W, shape (2, 3)."""
-        return validated_rates(self._V_WG.Eval(context).get_coeffs()).reshape(2, 3)

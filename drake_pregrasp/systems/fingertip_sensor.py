@@ -149,8 +149,8 @@ def _pressing_forces(J: FloatArray, torques: FloatArray) -> FloatArray:
     """Returns `tip_forces` by the Jacobians of the fingers' own joints, shape (n, 3, nq)."""
     # U and s of J = U s Vᵀ come from J Jᵀ = U s² Uᵀ, which is smaller; Vᵀ tau is s⁻¹ Uᵀ J tau.
     # Fingers share no own joint, so one J of all of them has the same blocks, and zeros else.
-    J = J.reshape(-1, len(torques))
-    squared, along = J @ J.T, J @ torques
+    rows = J.reshape(-1, len(torques))
+    squared, along = rows @ rows.T, rows @ torques
     roots, forces, failure = dposv(squared, along)
     # The determinant is at most s² (trace/2)², so nothing is damped if it is large enough. It is
     # the squared product of the diagonal of Cholesky's factor.
@@ -158,9 +158,7 @@ def _pressing_forces(J: FloatArray, torques: FloatArray) -> FloatArray:
     traces = np.add.reduce(squared.diagonal().reshape(-1, 3), axis=1)
     if not failure and (4 * volumes**2 > _LEAST_SHARE**2 * traces**3).all():
         return np.asarray(forces.reshape(-1, 3))
-    fingers = np.arange(len(traces))
-    blocks = squared.reshape(len(fingers), 3, -1, 3)[fingers, :, fingers]
-    squares, U = np.linalg.eigh(blocks)
+    squares, U = np.linalg.eigh(J @ J.swapaxes(1, 2))
     gains = 1 / np.maximum(squares, _LEAST_SHARE**2 * squares[:, -1:])
     damped: FloatArray = U @ (gains[:, :, None] * (U.swapaxes(1, 2) @ along.reshape(-1, 3, 1)))
     return damped[:, :, 0]

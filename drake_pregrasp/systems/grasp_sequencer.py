@@ -11,15 +11,7 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.tree import UniformGravityFieldElement
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-from drake_pregrasp.arrays import (
-    BoolArray,
-    FloatArray,
-    norms,
-    pack,
-    unpacker,
-    validated_numbers,
-    validated_rates,
-)
+from drake_pregrasp.arrays import BoolArray, FloatArray, norms, pack, unpacker, validated_numbers
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.hand_description import Fingertip
@@ -247,7 +239,7 @@ class GraspSequencer(LeafSystem):
         ):
             held: HeldMotion = self._held.Eval(context)
             return held
-        V_WO = validated_rates(self._V_WO.Eval(context).get_coeffs()).reshape(2, 3)
+        V_WO = ports.validated_velocity(self._V_WO.Eval(context))
         return HeldMotion(context.get_time(), *self._pose.split(context), V_WO, np.zeros((2, 3)))
 
     def _calc_X_WG(self, context: Context) -> RigidTransform:

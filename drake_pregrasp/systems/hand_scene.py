@@ -26,7 +26,6 @@ from pydrake.geometry import (
     Sphere,
 )
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.math import SpatialVelocity
 from pydrake.planning import RobotDiagram
 from pydrake.systems.framework import Context
 
@@ -214,7 +213,7 @@ class HandScene:
             self._graph.RemoveGeometry(graph, self._source, geometry)
 
     def clearances(
-        self, context: Context, screws: FloatArray, V_WO: SpatialVelocity, holding: BoolArray
+        self, context: Context, screws: FloatArray, V_WO: FloatArray, holding: BoolArray
     ) -> Clearances:
         """Returns the constraints on the hand's velocities.
 
@@ -223,7 +222,7 @@ class HandScene:
         Args:
             context: Context of the diagram after `place`.
             screws: Screws of the hand's joints (`HandKinematics`), shape (6, nq).
-            V_WO: Spatial velocity of the object's frame O in W.
+            V_WO: Angular and linear velocity of the object's frame O in W, shape (2, 3).
             holding: Whether each fingertip holds the object or closes on it, shape (n,): only other
                 fingers are kept clear of it.
         """
@@ -255,8 +254,8 @@ class HandScene:
             gaps[rows], p_WC[rows], normals[rows] = self._nearest(solid, link[rows], plant_context)
         along = np.concatenate([(skew(p_WC) @ normals[:, :, None])[:, :, 0], normals], axis=1)
         rates = (along @ screws) * (self._moves[link] - self._moves[other])
-        V_WW = V_WO.Shift(-X_WO.translation())
-        drift = is_object * (along @ V_WW.get_coeffs())
+        w_WO, v_WO = V_WO
+        drift = is_object * (along @ np.append(w_WO, v_WO + skew(X_WO.translation()) @ w_WO))
         speeds = np.minimum(_RATE * (least_gaps - gaps), _RETREAT) + drift
         if not holding.any():
             return Clearances(rates, speeds, finger)

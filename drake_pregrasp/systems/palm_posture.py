@@ -16,6 +16,7 @@ from pydrake.systems.framework import (
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.assignment import FREE_TURN, palm_turn
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.quality.grasp_quality import skew
 from drake_pregrasp.systems import ports
 
 FROM_ABOVE = RigidTransform()
@@ -93,11 +94,10 @@ class _PalmPosture(LeafSystem):
 
     def _rates(self, context: Context) -> FloatArray:
         """Returns the velocity of L with G in W, and the rate of turn about z of A, shape (4,)."""
-        V_WL = ports.validated_velocity(self._V_WG.Eval(context))
+        w_WG, v_WL = ports.validated_velocity(self._V_WG.Eval(context))
         if self._p_OCoM.any():
-            V_WL = V_WL.Shift(self._carrier.split(context)[0] @ self._p_OCoM)
-        rates = V_WL.get_coeffs()
-        return np.array([*rates[3:].tolist(), rates[:3] @ self._R_LA[:, 2]])
+            v_WL = v_WL + skew(w_WG) @ (self._carrier.split(context)[0] @ self._p_OCoM)
+        return np.array([*v_WL.tolist(), w_WG @ self._R_LA[:, 2]])
 
     def _yaw_toward(
         self, context: Context, yaw: float, ahead: FloatArray | float, *limits: Any

@@ -242,10 +242,9 @@ def validated_poses(bus: BusValue, names: Sequence[str], port: str) -> list[Rigi
     return poses
 
 
-def validated_velocity(V: SpatialVelocity) -> SpatialVelocity:
-    """Returns a velocity if it is finite and not too large, else zero."""
-    rates = V.get_coeffs()
-    return V if validated_rates(rates) is rates else SpatialVelocity.Zero()
+def validated_velocity(V: SpatialVelocity) -> FloatArray:
+    """Returns angular and linear velocity, shape (2, 3); zeros if not finite or too large."""
+    return validated_rates(V.get_coeffs()).reshape(2, 3)
 
 
 def is_valid(X: RigidTransform) -> bool:
