@@ -90,6 +90,16 @@ class Pace:
         slowed = np.minimum(stopping, self.speed) / np.maximum(fastest, 1e-12)
         return self.limited(v * np.minimum(1.0, slowed), v_last)
 
+    def has_arrived(self, way: FloatArray, v: FloatArray) -> bool:
+        """Returns whether points rest at their places, up to rounding.
+
+        Args:
+            way: Displacements to the places, shape (n, 3), in metres.
+            v: Present velocities, shape (n, 3), in m/s.
+        """
+        step = self.period * v
+        return bool(np.vdot(way, way) + np.vdot(step, step) <= _ROUNDING**2)
+
     def limited(self, v: FloatArray, v_last: FloatArray) -> FloatArray:
         """Returns the next velocities with limited acceleration, shape (n, 3), in m/s.
 

@@ -248,18 +248,23 @@ class FingertipGoalShaper(LeafSystem):
             obstacles=obstacles,
             holding=holding,
         )
-        if not held and (permitted := room.permitted(goal)) is not goal:
-            shift = np.where(active[:, None], permitted - goal, 0) @ R_AG
-            along = shift - np.sum(shift * nhat, axis=1, keepdims=True) * nhat
-            p_OC, goal = p_OC + along, goal + along @ R_AG.T
         v_GT = context.get_discrete_state(self._rates).value().reshape(-1, 3)
+        has_arrived = self._pace.has_arrived(goal - p_AT, v_GT)
+        permitted = goal if held and not has_arrived else room.permitted(goal)
+        is_permitted = permitted is goal
+        if not held:
+            if not is_permitted:
+                shift = np.where(active[:, None], permitted - goal, 0) @ R_AG
+                along = shift - np.sum(shift * nhat, axis=1, keepdims=True) * nhat
+                p_OC, goal = p_OC + along, goal + along @ R_AG.T
+            discrete_state.set_value(self._active, active.astype(float))
+            discrete_state.set_value(self._contacts, np.concatenate([p_OC, nhat]).ravel())
+        if has_arrived and is_permitted:
+            return
         shaped = (shape_goals(p_AT, v_GT @ R_AG.T, goal, self._pace, room) - p_AG) @ R_AG
         rates = self._pace.limited((shaped - p_GT) / self._pace.period, v_GT)
         discrete_state.set_value(self._tips, shaped.ravel())
         discrete_state.set_value(self._rates, rates.ravel())
-        if not held:
-            discrete_state.set_value(self._active, active.astype(float))
-            discrete_state.set_value(self._contacts, np.concatenate([p_OC, nhat]).ravel())
 
     def _is_held(self, context: Context) -> bool:
         # NaN is not <= 0 either, so it holds the contacts.
