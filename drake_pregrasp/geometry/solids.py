@@ -224,8 +224,7 @@ def rounded_box_distances(row: FloatArray, p_FP: FloatArray) -> FloatArray:
     p_BP = (p_FP - row[:3]) @ row[3:12].reshape(3, 3)
     beyond = np.maximum(p_BP - row[15:18], row[12:15] - p_BP)
     inside = np.minimum(np.maximum.reduce(beyond, axis=1), 0)
-    distances: FloatArray = norms(np.maximum(beyond, 0)) + inside - row[18]
-    return distances
+    return np.asarray(norms(np.maximum(beyond, 0)) + inside - row[18])
 
 
 def nearest_solids(rows: FloatArray, p_FP: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -109,8 +109,7 @@ class Pace:
         """
         jump = v - v_last
         excess = norms(jump)[:, None] / (self.acceleration * self.period)
-        limited: FloatArray = v_last + jump / np.maximum(1.0, excess)
-        return limited
+        return np.asarray(v_last + jump / np.maximum(1.0, excess))
 
 
 def shape_goals(
@@ -146,8 +145,7 @@ def _detour(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> FloatArray:
     is_inside, free = np.any(leaving, axis=1), _is_free(p_GT, entrance, room)
     around = _way_round(p_GT, entrance, replace(room, object=hull))
     around = np.where(free[:, None], entrance - p_GT, around)
-    ways: FloatArray = np.where(is_inside[:, None], leaving, around)
-    return ways
+    return np.asarray(np.where(is_inside[:, None], leaving, around))
 
 
 def _way_out(p_GT: FloatArray, room: TipRoom) -> FloatArray:
@@ -184,8 +182,7 @@ def _is_free(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> BoolArray:
     distances = room.object.distance(points.reshape(-1, 3)).reshape(points.shape[:2])
     # A tip that is too near, such as one that gives up its strain, leaves on a straight path.
     least = np.minimum(room.object_clearances, distances[0])
-    free: BoolArray = np.minimum.reduce(distances) >= least - _GRAZE
-    return free
+    return np.asarray(np.minimum.reduce(distances) >= least - _GRAZE)
 
 
 def _way_round(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> FloatArray:
@@ -206,8 +203,7 @@ def _way_round(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> FloatArray:
     blocked = _is_blocked(p_GT, angle, straight[:, 2], room)
     round_it[blocked] = np.abs(arc)[blocked, None] * [0.0, 0.0, 1.0]
     on_side = np.linalg.norm(tangent, axis=1) > _ON_SIDE
-    ways: FloatArray = np.where(on_side[:, None], round_it, sliding)
-    return ways
+    return np.asarray(np.where(on_side[:, None], round_it, sliding))
 
 
 def _is_blocked(
@@ -257,8 +253,7 @@ def _spread(p_GT: FloatArray, spacing: float | FloatArray) -> FloatArray:
     lacking = np.maximum(lacking, 0)
     unit = np.where(distance[..., None] > 0, away, np.triu(np.ones_like(distance))[..., None] - 0.5)
     unit /= np.linalg.norm(unit, axis=2, keepdims=True)
-    apart: FloatArray = p_GT + np.sum(lacking[..., None] / 2 * unit, axis=1)
-    return apart
+    return np.asarray(p_GT + np.sum(lacking[..., None] / 2 * unit, axis=1))
 
 
 MOVING_CLEARANCE = 0.008

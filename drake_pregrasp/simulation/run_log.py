@@ -77,7 +77,7 @@ class CsvLog:
             self._flush()
 
     def _flush(self) -> None:
-        text = "".join(",".join(map(repr, _numbers(parts))) + "\n" for parts in self._waiting)
+        text = "".join(",".join(map(repr, _numbers(row).tolist())) + "\n" for row in self._waiting)
         self._waiting.clear()  # An interrupt can cost the last rows, but none between others.
         with writing(self._path):
             self._file.write(text)
@@ -196,10 +196,9 @@ def pose_values(X: RigidTransform) -> FloatArray:
     return np.concatenate([X.translation(), X.rotation().ToQuaternion().wxyz()])
 
 
-def _numbers(parts: Sequence[Any]) -> list[float]:
+def _numbers(parts: Sequence[Any]) -> FloatArray:
     plain = [pose_values(part) if type(part) is RigidTransform else part for part in parts]
-    numbers: list[float] = np.concatenate(plain, axis=None).tolist()
-    return numbers
+    return np.concatenate(plain, axis=None)
 
 
 class GraspLog(CsvLog):

@@ -33,12 +33,11 @@ _TOLERANCE = 1e-9  # Violation of a constraint that is rounding, in m/s or rad/s
 def _pseudoinverse(J: FloatArray) -> FloatArray:
     """Returns J⁺, in which directions of singular values up to `_DAMPING` are given up."""
     if len(J):
-        _, inverse, failure = dposv(J @ J.T, np.eye(len(J)))  # Half as slow as numpy's inverse.
+        _, inverse, failure = dposv(J @ J.T, np.eye(len(J)))  # Takes half as long as numpy's.
+        # The norm of the inverse is at least the largest 1/s².
         if not failure and np.vdot(inverse, inverse) < _DAMPING**-4:
-            regular: FloatArray = J.T @ inverse  # Its norm is at least the largest 1/s².
-            return regular
-    singular: FloatArray = pinv(J, atol=_DAMPING, rtol=0)
-    return singular
+            return np.asarray(J.T @ inverse)
+    return np.asarray(pinv(J, atol=_DAMPING, rtol=0))
 
 
 def constrained_velocity(
@@ -197,8 +196,7 @@ class DifferentialKinematics(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._pose.store)
 
     def _holding(self, context: Context) -> BoolArray:
-        holding: BoolArray = ~(self._hold.Eval(context) <= 0)
-        return holding
+        return np.asarray(~(self._hold.Eval(context) <= 0))
 
     def _calc_placed(self, context: Context, placed: Context) -> None:
         is_held = self._holding(context).any()

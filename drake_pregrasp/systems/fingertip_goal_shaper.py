@@ -251,15 +251,14 @@ class FingertipGoalShaper(LeafSystem):
         v_GT = context.get_discrete_state(self._rates).value().reshape(-1, 3)
         has_arrived = self._pace.has_arrived(goal - p_AT, v_GT)
         permitted = goal if held and not has_arrived else room.permitted(goal)
-        is_permitted = permitted is goal
         if not held:
-            if not is_permitted:
+            if permitted is not goal:
                 shift = np.where(active[:, None], permitted - goal, 0) @ R_AG
                 along = shift - np.sum(shift * nhat, axis=1, keepdims=True) * nhat
                 p_OC, goal = p_OC + along, goal + along @ R_AG.T
             discrete_state.set_value(self._active, active.astype(float))
             discrete_state.set_value(self._contacts, np.concatenate([p_OC, nhat]).ravel())
-        if has_arrived and is_permitted:
+        if has_arrived and permitted is goal:
             return
         shaped = (shape_goals(p_AT, v_GT @ R_AG.T, goal, self._pace, room) - p_AG) @ R_AG
         rates = self._pace.limited((shaped - p_GT) / self._pace.period, v_GT)
@@ -291,8 +290,7 @@ class FingertipGoalShaper(LeafSystem):
         """Returns the orientation of the palm in A, or None without a valid pose."""
         if not self._X_WU.HasValue(context) or not ports.is_valid(self._X_WU.Eval(context)):
             return None
-        R_AU: FloatArray = self._R_AL @ self._X_WU.Eval(context).rotation().matrix()
-        return R_AU
+        return np.asarray(self._R_AL @ self._X_WU.Eval(context).rotation().matrix())
 
     def _calc_tip_goals(self, context: Context) -> BusValue:
         p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)
@@ -311,5 +309,4 @@ class FingertipGoalShaper(LeafSystem):
         v_GT: FloatArray = context.get_discrete_state(self._rates).value().reshape(-1, 3)
         R_WG, _ = self._pose.split(context)
         w_WG, v_WG = ports.validated_velocity(self._V_WG.Eval(context))
-        rates: FloatArray = p_GT @ (skew(w_WG) @ R_WG).T + v_WG + v_GT @ R_WG.T
-        return rates
+        return np.asarray(p_GT @ (skew(w_WG) @ R_WG).T + v_WG + v_GT @ R_WG.T)

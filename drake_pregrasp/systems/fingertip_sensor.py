@@ -92,8 +92,7 @@ class HandKinematics:
         level = _pressing_forces(J, torques) * [1.0, 1.0, 0.0]
         size = np.linalg.norm(level, axis=1)
         excess = level * np.maximum(0.0, 1 - limits / np.maximum(size, 1e-9))[:, None]
-        less: FloatArray = torques - np.einsum("nij,ni->j", J, excess)
-        return less
+        return np.asarray(torques - np.einsum("nij,ni->j", J, excess))
 
     def tip_positions(self, plant_context: Context) -> FloatArray:
         """Returns the fingertips' centres in W, shape (n, 3), in metres."""
@@ -114,8 +113,7 @@ class HandKinematics:
                     plant_context, JacobianWrtVariable.kV, frame, p_FW, world, world
                 )
             )
-        screws: FloatArray = np.concatenate(jacobians, axis=1)[:, self._shown]
-        return screws
+        return np.asarray(np.concatenate(jacobians, axis=1)[:, self._shown])
 
     def tip_jacobians(self, plant_context: Context) -> FloatArray:
         """Returns the Jacobians of the fingertips' velocities in W, shape (n, 3, nq)."""
@@ -352,8 +350,7 @@ class FingertipSensor(LeafSystem):
         declare_output(self, "J_WT", n * nq, jacobians, posed)
 
     def _positions(self, context: Context) -> FloatArray:
-        q: FloatArray = self._state.Eval(context)[: self._hand.num_positions]
-        return q
+        return np.asarray(self._state.Eval(context)[: self._hand.num_positions])
 
     def _calc_posed(self, context: Context, posed: Context) -> None:
         self._hand.plant.SetPositions(posed, self._positions(context))

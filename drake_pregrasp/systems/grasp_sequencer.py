@@ -206,8 +206,7 @@ class GraspSequencer(LeafSystem):
         return GraspState.from_vector(context.get_discrete_state(self._state).value())
 
     def _sticking_tips(self, context: Context) -> FloatArray:
-        p_GT: FloatArray = context.get_discrete_state(self._sticking).value().reshape(-1, 3)
-        return p_GT
+        return np.asarray(context.get_discrete_state(self._sticking).value().reshape(-1, 3))
 
     def _last_motion(self, context: Context) -> tuple[HeldMotion, bool]:
         """Returns the last motion of G in the squeeze, and whether the object still stands."""
@@ -281,8 +280,7 @@ class GraspSequencer(LeafSystem):
         """Returns the fingertips' centres in G, shape (n, 3), in metres."""
         p_WT = validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
         X_WG: RigidTransform = self._X_WG.Eval(context)
-        p_GT: FloatArray = (p_WT - X_WG.translation()) @ X_WG.rotation().matrix()
-        return p_GT
+        return np.asarray((p_WT - X_WG.translation()) @ X_WG.rotation().matrix())
 
     def _advance(self, context: Context, discrete_state: DiscreteValues) -> None:
         state: GraspState = self._remembered.Eval(context)
@@ -366,8 +364,7 @@ class GraspSequencer(LeafSystem):
         last, stands = self._last_motion(context)
         lifted = 0.0 if stands else min(1.0, (context.get_time() - last.time) / _WEIGHT_DURATION)
         planned[on, 2] -= (1 - lifted) * np.sum(planned[on, 2]) / max(1, np.sum(on))
-        f_T_W: FloatArray = (1 - share) * touch @ R_GW + share * planned
-        return f_T_W
+        return np.asarray((1 - share) * touch @ R_GW + share * planned)
 
     def _calc_report(self, context: Context) -> list[float]:
         state: GraspState = self._remembered.Eval(context)

@@ -98,8 +98,7 @@ class JointReference(LeafSystem):
         q: FloatArray = context.get_discrete_state(self._q).value()
         v: FloatArray = context.get_discrete_state(self._v).value()
         moved = np.maximum(self._hand.lower, q + elapsed * v)
-        reference: FloatArray = np.minimum(moved, self._hand.upper)
-        return reference
+        return np.asarray(np.minimum(moved, self._hand.upper))
 
     def _sample(self, context: Context, discrete_state: DiscreteValues) -> None:
         v = validated_rates(self._commanded.Eval(context))
@@ -143,5 +142,4 @@ class JointReference(LeafSystem):
         behind = q - elapsed * (v - v_known) - (q_now + self._step * v_now)
         torques = hand.stiffness * behind + hand.damping * (v_known - v_now)
         allowed = hand.with_limited_forces(self._posed.Eval(context), torques, limits)
-        yielding: FloatArray = q - (torques - allowed) / hand.stiffness
-        return yielding
+        return np.asarray(q - (torques - allowed) / hand.stiffness)

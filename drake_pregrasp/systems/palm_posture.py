@@ -89,8 +89,7 @@ class _PalmPosture(LeafSystem):
     def _p_WL(self, context: Context) -> FloatArray:
         """Returns the position in W of the centre of mass of an object at G, shape (3,)."""
         R_WG, p_WG = self._carrier.split(context)
-        p_WL: FloatArray = p_WG + R_WG @ self._p_OCoM
-        return p_WL
+        return np.asarray(p_WG + R_WG @ self._p_OCoM)
 
     def _rates(self, context: Context) -> FloatArray:
         """Returns the velocity of L with G in W, and the rate of turn about z of A, shape (4,)."""
