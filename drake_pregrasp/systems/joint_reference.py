@@ -95,8 +95,7 @@ class JointReference(LeafSystem):
 
     def _reference(self, context: Context) -> FloatArray:
         elapsed = context.get_time() - context.get_discrete_state(self._start)[0]
-        q: FloatArray = context.get_discrete_state(self._q).value()
-        v: FloatArray = context.get_discrete_state(self._v).value()
+        q, v = (context.get_discrete_state(index).value() for index in (self._q, self._v))
         moved = np.maximum(self._hand.lower, q + elapsed * v)
         return np.asarray(np.minimum(moved, self._hand.upper))
 
