@@ -90,7 +90,7 @@ def test_invalid_poses_are_recognized(bad, index):
     assert not is_valid(RigidTransform(np.column_stack([turned, p])))
 
 
-@pytest.mark.parametrize("matrix", [0 * R, 1.001 * R, -R, np.diag([1.0, 1, -1]), R**0])
+@pytest.mark.parametrize("matrix", [0 * R, 1.001 * R, -R, np.diag([1.0, 1, -1]), np.ones((3, 3))])
 def test_invalid_rotations_are_recognized(matrix):
     assert not is_valid(RigidTransform(np.column_stack([matrix, np.zeros(3)])))
 

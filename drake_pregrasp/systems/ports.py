@@ -22,7 +22,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from drake_pregrasp.arrays import FloatArray, are_valid, is_valid_pose, validated_rates
+from drake_pregrasp.arrays import FARTHEST, FloatArray, is_valid_pose, validated_rates
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.pose_track import FOLLOWED
 from drake_pregrasp.geometry.solids import Solid
@@ -249,9 +249,9 @@ def validated_velocity(V: SpatialVelocity) -> FloatArray:
 
 def is_valid(X: RigidTransform) -> bool:
     """Returns whether a pose is finite, not too far away, and has a valid rotation."""
-    # Most rotations are exact up to rounding, which Drake finds out faster.
-    if X.rotation().IsValid():
-        return are_valid(X.translation())
+    # Mostly it is near, and its rotation exact up to rounding, which Drake finds out faster.
+    if np.vdot(p := X.translation(), p) <= FARTHEST**2 and X.rotation().IsValid():
+        return True
     return is_valid_pose(X.GetAsMatrix34())
 
 
