@@ -5,18 +5,14 @@ compared by their likelihoods, as in the generalised likelihood-ratio test of Wi
 (IEEE Transactions on Automatic Control 21(1), 1976).
 """
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, pack, unpacker
-from drake_pregrasp.estimation.pose_filter import (
-    NO_MEASUREMENT,
-    Innovation,
-    PoseBelief,
-    PoseFilterNoise,
-    PoseMeasurement,
-)
+from drake_pregrasp.arrays import FloatArray, pack
+from drake_pregrasp.estimation.pose_filter import Innovation, PoseBelief, PoseFilterNoise
 from drake_pregrasp.estimation.pose_track import (
     FIRST_GATE,
     MEASUREMENT_SIZE,
@@ -36,29 +32,32 @@ _ALERT = 20.0  # Sum of the last three squared distances; by chance one of 60 is
 _COST_OF_CHANGE = 8.0  # Least price of a change of any amount, 3 log(1 + gate²/3).
 _EVIDENCE = 16.0  # Least difference of minus twice the logarithms of the likelihoods.
 
-unpack_measurement = unpacker(NO_MEASUREMENT)
-"""Returns the measurement in a vector, such as a row of `PoseTrack.recent`."""
-
 
 @dataclass(frozen=True, eq=False)
 class Replay:
     """Measurements that were applied once more, with other assumptions.
 
     Attributes:
-        pairs: Each measurement with the belief after it.
-        squared: νᵀ S⁻¹ ν of position and orientation, shape (k, 2).
-        log_det: Sum of the logarithms of det S of each part, shape (2,).
-        last: Innovation of the last one.
+        seen: The measurements in vectors, shape (k, 13).
+        after: Belief after each measurement, and its innovation.
     """
 
-    pairs: list[tuple[PoseMeasurement, PoseBelief]]
-    squared: FloatArray
-    log_det: FloatArray
-    last: Innovation
+    seen: FloatArray
+    after: list[tuple[PoseBelief, Innovation]]
+
+    @property
+    def squared(self) -> FloatArray:
+        """Returns νᵀ S⁻¹ ν of position and orientation, shape (k, 2)."""
+        return np.array([new.squared for _, new in self.after])
+
+    @property
+    def last(self) -> Innovation:
+        """Returns the innovation of the last measurement."""
+        return self.after[-1][1]
 
     def steps(self) -> FloatArray:
-        """Returns the pairs as rows of `PoseTrack.steps`."""
-        return np.array([np.append(pack(seen), pack(after)) for seen, after in self.pairs])
+        """Returns the measurements, each with the belief after it, as `PoseTrack.steps`."""
+        return np.hstack([self.seen, [pack(belief) for belief, _ in self.after]])
 
 
 def find_manoeuvre(
@@ -80,52 +79,53 @@ def find_manoeuvre(
         is_outlier: Whether the last measurement would be an outlier.
         settings: Settings of the checks.
     """
-    rows, factor = track.recent[:, :MEASUREMENT_SIZE], track.noise_factor
-    recent, start = [unpack_measurement(row) for row in rows], _start_of(track, 2)
+    seen, start = track.recent[:, :MEASUREMENT_SIZE], _start_of(track, 2)
+    step, assumed = settings.step, (settings.p_OCoM, track.noise_factor)
     if start and is_outlier and track.innovation_squared.max() > TELLING**2:
-        pair = _replayed(start, recent[-2:], settings, factor, settings.sudden, settings.sudden)
+        pair = Replay(seen[-2:], step.replay(start, seen[-2:], [settings.sudden] * 2, *assumed))
         first, second = pair.squared.max(axis=1)
         is_short = track.last_seen[0] - start.time <= _LONGEST_SURPRISE
         if is_short and first <= settings.gate_squared and second <= TELLING**2:
             return pair
     squared = np.minimum(track.recent[:, MEASUREMENT_SIZE:], _LARGEST_SQUARE)
+    squared = squared[::-1].cumsum(axis=0)  # Row k: sum of the newest k + 1.
     best, found = _EVIDENCE, None
-    if not squared[-3:].sum(axis=0).max() > _ALERT:
+    if not squared[2].max() > _ALERT:
         return None
     log_det = np.linalg.slogdet(new.S)[1]
     for count in _WINDOWS:
         start = _start_of(track, count)
         if start is None:
             break
-        if squared[-count:].sum(axis=0).max() - 2 * count < _EVIDENCE + _COST_OF_CHANGE:
+        if squared[count - 1].max() - 2 * count < _EVIDENCE + _COST_OF_CHANGE:
             continue  # Even noise would leave a new motion squares of 2 a measurement.
         dt = track.recent[-count, 0] - start.time
-        parts, likelier = np.zeros(2, dtype=bool), np.ones(2, dtype=bool)
-        while likelier.any() and np.any(likelier != parts):  # Only likelier parts change.
+        parts, likelier = [False, False], [True, True]
+        while any(likelier) and likelier != parts:  # Only likelier parts change.
             parts = likelier
-            sudden = _sudden(settings, parts, dt)
-            replay = _replayed(start, recent[-count:], settings, factor, sudden, settings.noise)
+            noises = [_sudden(settings, parts, dt), settings.noise]
+            replayed = start, seen[-count:], noises, *assumed
+            squares = step.squares(*replayed)
             # Differences of minus twice the logarithm of the likelihood.
-            gains = (squared[-count:] - replay.squared).sum(axis=0)
-            gains += count * log_det - replay.log_det
-            likelier = parts & (gains > _EVIDENCE)
-        gain = gains[likelier].sum()
-        if gain > best and replay.squared.max() <= FIRST_GATE**2:
-            best, found = gain, replay
-    return found
+            gains = (squared[count - 1] + count * log_det - squares.sum(axis=(0, 1))).tolist()
+            likelier = [mine and gain > _EVIDENCE for mine, gain in zip(parts, gains, strict=True)]
+        gain = sum(itertools.compress(gains, likelier))
+        if gain > best and squares[:, 0].max() <= FIRST_GATE**2:
+            best, found = gain, replayed
+    return found and Replay(found[1], step.replay(*found))
 
 
 def _start_of(track: PoseTrack, count: int) -> PoseBelief | None:
     """Returns the belief before that many newest measurements, or None without a recent one."""
     times = track.recent[-count:, 0]
-    before = track.steps[track.steps[:, 0] < times[0]]
-    if len(before) == 0 or np.any(np.diff(times) <= 0):
+    before = int(np.searchsorted(track.steps[:, 0], times[0])) - 1
+    if before < 0 or (times[1:] <= times[:-1]).any():
         return None
-    is_recent = _SHORTEST < times[0] - before[-1, 0] <= _LONGEST_SURPRISE
-    return unpack_belief(before[-1, MEASUREMENT_SIZE:]) if is_recent else None
+    is_recent = _SHORTEST < times[0] - track.steps[before, 0] <= _LONGEST_SURPRISE
+    return unpack_belief(track.steps[before, MEASUREMENT_SIZE:]) if is_recent else None
 
 
-def _sudden(settings: TrackerSettings, parts: BoolArray, dt: float) -> PoseFilterNoise:
+def _sudden(settings: TrackerSettings, parts: Sequence[bool], dt: float) -> PoseFilterNoise:
     """Returns the noise with which parts change their velocity by any amount within dt."""
     noise, sudden = settings.noise, settings.sudden
     rate = settings.gate * dt**-1.5
@@ -136,23 +136,3 @@ def _sudden(settings: TrackerSettings, parts: BoolArray, dt: float) -> PoseFilte
         acceleration=linear if parts[0] else noise.acceleration,
         angular_acceleration=angular if parts[1] else noise.angular_acceleration,
     )
-
-
-def _replayed(
-    belief: PoseBelief,
-    measurements: list[PoseMeasurement],
-    settings: TrackerSettings,
-    factor: float,
-    noise: PoseFilterNoise,
-    later_noise: PoseFilterNoise,
-) -> Replay:
-    """Returns measurements after a belief, with other noise until the first of them."""
-    pairs, innovations = [], []
-    for measurement in measurements:
-        _, new, belief = settings.step(belief, measurement, noise, settings.p_OCoM, factor)
-        pairs.append((measurement, belief))
-        innovations.append(new)
-        noise = later_noise
-    log_det = np.linalg.slogdet([new.S for new in innovations])[1].sum(axis=0)
-    squared = np.array([new.squared for new in innovations])
-    return Replay(pairs, squared, log_det, new)

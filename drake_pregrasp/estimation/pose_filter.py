@@ -7,7 +7,6 @@ expressed in W.
 
 import math
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -340,13 +339,6 @@ def corrected(prior: PoseBelief, new: Innovation) -> PoseBelief:
     A[:, :, :3] -= K
     P = A @ new.P @ A.transpose(0, 2, 1) + K @ new.R @ new.K_T
     return shifted(prior, K[0] @ new.nu[0], K[1] @ new.nu[1], P)
-
-
-FilterStep = Callable[
-    [PoseBelief, PoseMeasurement, PoseFilterNoise, FloatArray | None, float],
-    tuple[PoseBelief, Innovation, PoseBelief],
-]
-"""An implementation of `filter_step`."""
 
 
 def filter_step(

@@ -1,9 +1,11 @@
 """State of the tracker: measurements, beliefs, and an alternative hypothesis; and its settings."""
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from enum import IntEnum, unique
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +13,7 @@ from drake_pregrasp.arrays import SLACK, FloatArray, pack, unpacker
 from drake_pregrasp.estimation.pose_filter import (
     NO_BELIEF,
     NO_MEASUREMENT,
-    FilterStep,
+    Innovation,
     PoseBelief,
     PoseFilterNoise,
     boosted,
@@ -101,6 +103,9 @@ class MeasurementVerdict(IntEnum):
 
 unpack_belief = unpacker(NO_BELIEF)
 """Returns the belief in a vector, such as an alternative hypothesis."""
+
+unpack_measurement = unpacker(NO_MEASUREMENT)
+"""Returns the measurement in a vector, such as a row of `PoseTrack.recent`."""
 
 NO_ALTERNATIVE = pack(NO_BELIEF)
 """Placeholder for a missing alternative hypothesis."""
@@ -215,6 +220,57 @@ class PoseTrack:
         )
 
 
+class FilterStep:
+    """Implementation of `filter_step`, and of several steps; a subclass may be faster."""
+
+    __call__ = staticmethod(filter_step)
+
+    def replay(
+        self,
+        belief: PoseBelief,
+        seen: FloatArray,
+        noises: Sequence[PoseFilterNoise],
+        *assumed: Any,
+    ) -> list[tuple[PoseBelief, Innovation]]:
+        """Returns the belief after each of several measurements, and the innovation.
+
+        Args:
+            belief: Belief before the first measurement.
+            seen: The measurements in vectors, in the order of their times, shape (k, 13).
+            noises: Assumed noise and motion until the first measurement, and after it. They differ
+                in their accelerations only.
+            assumed: The last two arguments of `filter_step`.
+        """
+        steps, noise = [], noises[0]
+        for row in seen:
+            _, new, belief = self(belief, unpack_measurement(row), noise, *assumed)
+            steps.append((belief, new))
+            noise = noises[1]
+        return steps
+
+    def squares(
+        self,
+        belief: PoseBelief,
+        seen: FloatArray,
+        noises: Sequence[PoseFilterNoise],
+        *assumed: Any,
+    ) -> FloatArray:
+        """Returns νᵀ S⁻¹ ν of position and orientation, and log det S, in a replay.
+
+        Args:
+            belief: As the others, see `replay`.
+            seen: See `replay`.
+            noises: See `replay`.
+            assumed: See `replay`.
+
+        Returns:
+            Both for each measurement, shape (k, 2, 2): squares first, then logarithms.
+        """
+        innovations = [new for _, new in self.replay(belief, seen, noises, *assumed)]
+        log_det = np.linalg.slogdet([new.S for new in innovations])[1]
+        return np.stack([[new.squared for new in innovations], log_det], axis=1)
+
+
 FIRST_GATE = 4.0
 """Gate of a velocity that was never measured, in standard deviations of its prior."""
 
@@ -233,7 +289,7 @@ class TrackerSettings:
         refuse_repeats: Whether to refuse measurements that repeat the one before to the last bit,
             while the object moves and the sensor has noise.
         p_OCoM: Centre of mass in O, shape (3,), in metres; the origin of O by default.
-        step: Implementation of `filter_step`.
+        step: Implementation of the filter's steps.
     """
 
     noise: PoseFilterNoise
@@ -242,7 +298,7 @@ class TrackerSettings:
     reacquire_after: int
     refuse_repeats: bool
     p_OCoM: FloatArray | None = None
-    step: FilterStep = filter_step
+    step: FilterStep = field(default_factory=FilterStep)
 
     @cached_property
     def gate_squared(self) -> float:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from drake_pregrasp.arrays import BoolArray, is_valid_pose, pack
-from drake_pregrasp.estimation.manoeuvres import TELLING, find_manoeuvre, unpack_measurement
+from drake_pregrasp.estimation.manoeuvres import TELLING, find_manoeuvre
 from drake_pregrasp.estimation.pose_filter import (
     NO_BELIEF,
     Innovation,
@@ -29,6 +29,7 @@ from drake_pregrasp.estimation.pose_track import (
     PoseTrack,
     TrackerSettings,
     unpack_belief,
+    unpack_measurement,
 )
 
 OLDEST = 1e6

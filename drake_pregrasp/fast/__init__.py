@@ -11,7 +11,7 @@ these return the reference, or None for it.
 | `projection` | `geometry.surface.ObjectSurface.project` and `project_into` |
 | `goals`, `closed_forms`, `spectra`, `margins` | `contacts.centroids.region_goals`, `best_points` |
 | `margins` | `regions.independent_regions.slip_radii_within` |
-| `pose_steps` | `estimation.pose_filter.filter_step` |
+| `pose_steps` | `estimation.pose_track.FilterStep` |
 
 **One description.** A region is an intersection: the weighted Voronoi cell of its contact,
 half-spaces (forbidden points, neighbouring fingertips, the nearest points of obstacles), and
@@ -58,7 +58,7 @@ from typing import Any
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.selection_input import GoalFunction
-from drake_pregrasp.estimation.pose_filter import FilterStep
+from drake_pregrasp.estimation.pose_track import FilterStep
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.constraints import LimitFunction, Predicates
 from drake_pregrasp.regions.independent_regions import SlipRadii, slip_radii_within
@@ -124,6 +124,6 @@ def fast_slip_radii() -> SlipRadii:
 
 
 def fast_filter_step() -> FilterStep | None:
-    """Returns `filter_step` compiled, or None without numba."""
-    step: FilterStep | None = _compiled("pose_steps", "compiled_filter_step")
-    return step
+    """Returns the filter's steps compiled, or None without numba."""
+    steps = _compiled("pose_steps", "CompiledFilterStep")
+    return steps() if steps else None

@@ -1,9 +1,19 @@
-"""One step of the pose filter, from a belief to the posterior of the next measurement."""
+"""Steps of the pose filter, each from a belief to the posterior of the next measurement."""
+
+from collections.abc import Sequence
+from math import log
+from typing import Any
 
 import numpy as np
 
-from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.estimation import pose_filter
+from drake_pregrasp.arrays import FloatArray, pack
+from drake_pregrasp.estimation.pose_filter import (
+    Innovation,
+    PoseBelief,
+    PoseFilterNoise,
+    PoseMeasurement,
+)
+from drake_pregrasp.estimation.pose_track import FilterStep
 from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.geometry.rotations import rotation_components, rotation_rows
 
@@ -12,7 +22,7 @@ _ZERO = np.zeros((3, 1))
 exponential, logarithm = compiled()(rotation_rows), compiled()(rotation_components)
 
 
-@compiled("void(f8[:,:], f8[:,:], f8[:,:])")
+@compiled()
 def multiply(A, B, product):  # type: ignore[no-untyped-def]
     """Writes the product of two matrices."""
     for row in range(A.shape[0]):
@@ -23,7 +33,7 @@ def multiply(A, B, product):  # type: ignore[no-untyped-def]
             product[row, column] = total
 
 
-@compiled("void(f8[::1], i8, f8[:,::1])")
+@compiled()
 def rotate(theta, order, R):  # type: ignore[no-untyped-def]
     """Writes `rotation_matrix`, shape (3, 3)."""
     (a, b, c), (d, e, f), (g, h, i) = exponential(theta[0], theta[1], theta[2], order)
@@ -34,9 +44,11 @@ def rotate(theta, order, R):  # type: ignore[no-untyped-def]
 
 @compiled()
 def invert(A):  # type: ignore[no-untyped-def]
-    """Inverts a positive definite matrix in its place, shape (3, 3), by elimination."""
+    """Inverts a positive definite matrix in its place, shape (3, 3), and returns log det."""
+    determinant = 1.0
     for k in range(3):
         pivot = A[k, k]
+        determinant *= pivot
         A[k, k] = 1.0
         for column in range(3):
             A[k, column] /= pivot
@@ -45,13 +57,11 @@ def invert(A):  # type: ignore[no-untyped-def]
             A[row, k] = 0.0 if row != k else A[row, k]
             for column in range(3):
                 A[row, column] -= factor * A[k, column]
+    return log(determinant)
 
 
-@compiled(
-    "void(f8[:,:,::1], f8[:,:,::1], f8[:,:,::1], f8[:,:,::1], f8[:,::1], f8[::1], f8[:,::1],"
-    " f8[:,::1], f8, f8, f8[::1], f8[::1])"
-)
-def write_step(means, R, P, K, nu, squared, measured, com, dt, gravity, densities, variances):  # type: ignore[no-untyped-def]
+@compiled()
+def write_step(means, R, P, K, nu, squares, measured, com, dt, gravity, densities, variances):  # type: ignore[no-untyped-def]
     """Writes the prior, the innovation and the posterior, as `filter_step` does.
 
     Position and orientation are stacked, in this order.
@@ -64,7 +74,7 @@ def write_step(means, R, P, K, nu, squared, measured, com, dt, gravity, densitie
         P: Covariances of prior (2) and posterior (2), and zeros, shape (8, 6, 6).
         K: Transposed gains (2), and memory, shape (4, 3, 6).
         nu: Measured p_WCoM and memory; overwritten by the innovation, shape (2, 3).
-        squared: Its squares relative to its covariances, which are written, shape (2,).
+        squares: As in `FilterStep.squares`, for one measurement, shape (2, 2).
         measured: Measured orientation, shape (3, 3).
         com: Centre of mass in O, shape (3, 1), in metres.
         dt: Seconds from the belief to the measurement.
@@ -112,13 +122,13 @@ def write_step(means, R, P, K, nu, squared, measured, com, dt, gravity, densitie
             for column in range(3):
                 inverse[row, column] = own[row, column] + R[2 + part, row, column]
                 R[4 + part, row, column] = inverse[row, column]
-        invert(inverse)
+        squares[1, part] = invert(inverse)
         multiply(inverse, own[:3], gain)
         multiply(nu[part : part + 1], gain, shift)
         multiply(inverse, nu[part : part + 1].T, product)
-        squared[part] = 0.0
+        squares[0, part] = 0.0
         for k in range(3):
-            squared[part] += nu[part, k] * product[k, 0]
+            squares[0, part] += nu[part, k] * product[k, 0]
         for row in range(6):
             for column in range(6):
                 A[row, column] = 1.0 if row == column else 0.0
@@ -139,28 +149,76 @@ def write_step(means, R, P, K, nu, squared, measured, com, dt, gravity, densitie
     multiply(turn, R[0], R[1])
 
 
-def compiled_filter_step(
-    earlier: pose_filter.PoseBelief,
-    measurement: pose_filter.PoseMeasurement,
-    noise: pose_filter.PoseFilterNoise,
-    p_OCoM: FloatArray | None = None,
-    noise_factor: float = 1.0,
-) -> tuple[pose_filter.PoseBelief, pose_filter.Innovation, pose_filter.PoseBelief]:
-    """Returns the prior, the innovation and the posterior, as `filter_step` does."""
-    time = measurement.time
-    means, nu, squared = np.empty((2, 3, 3)), np.empty((2, 3)), np.empty(2)
-    R, P, K = np.empty((9, 3, 3)), np.zeros((8, 6, 6)), np.empty((4, 3, 6))
-    means[1] = earlier.p_WCoM, earlier.v_WCoM, earlier.w_WO
-    R[1], P[2], P[3] = earlier.R_WO, earlier.P_position, earlier.P_orientation
-    nu[0] = measurement.p_WCoM
-    measured = np.ascontiguousarray(measurement.R_WO)
+@compiled(
+    "void(f8[:,:,::1], f8[:,:,::1], f8[:,:,::1], f8[:,:,::1], f8[:,::1], f8[:,:,::1], f8[:,::1],"
+    " f8[:,::1], f8, f8, UniTuple(UniTuple(f8, 2), 2), UniTuple(f8, 2))"
+)
+def write_steps(means, R, P, K, nu, squares, seen, com, time, gravity, densities, variances):  # type: ignore[no-untyped-def]
+    """Writes the steps of `FilterStep.replay`.
+
+    Args:
+        means: As the next four, see `write_step`.
+        R: See `write_step`.
+        P: See `write_step`.
+        K: See `write_step`.
+        nu: See `write_step`; only memory before.
+        squares: Result of `FilterStep.squares`.
+        seen: Measurements in vectors, shape (k, 13).
+        com: See `write_step`.
+        time: Time before the first step, in seconds.
+        gravity: See `write_step`.
+        densities: Those in the first step, and those in the others.
+        variances: See `write_step`.
+    """
+    for k in range(len(seen)):
+        for i in range(3):
+            nu[0, i] = seen[k, 1 + i]
+        own = com, seen[k, 0] - time, gravity, densities[min(k, 1)], variances
+        write_step(means, R, P, K, nu, squares[k], seen[k, 4:].reshape(3, 3), *own)
+        time = seen[k, 0]
+
+
+class CompiledFilterStep(FilterStep):
+    """Compiled steps of the filter."""
+
+    def __call__(
+        self,
+        earlier: PoseBelief,
+        measurement: PoseMeasurement,
+        noise: PoseFilterNoise,
+        p_OCoM: FloatArray | None = None,
+        noise_factor: float = 1.0,
+    ) -> tuple[PoseBelief, Innovation, PoseBelief]:
+        """See `filter_step`."""
+        time, seen = measurement.time, pack(measurement)[None]
+        means, R, P, K, nu, squares = _run(earlier, seen, (noise, noise), p_OCoM, noise_factor)
+        prior, posterior = (
+            PoseBelief(time, mean[0], mean[1], R[k], mean[2], P[2 * k], P[2 * k + 1])
+            for k, mean in enumerate(means)
+        )
+        return prior, Innovation(nu, P[:2], R[2:4], R[4:6], K[:2], squares[0, 0]), posterior
+
+    def squares(self, *replayed: Any) -> FloatArray:
+        """See `FilterStep`."""
+        return _run(*replayed)[-1]
+
+
+def _run(
+    belief: PoseBelief,
+    seen: FloatArray,
+    noises: Sequence[PoseFilterNoise],
+    p_OCoM: FloatArray | None,
+    noise_factor: float,
+) -> tuple[FloatArray, ...]:
+    """Returns what `write_steps` writes."""
+    noise, (first, later) = noises[0], ((n.acceleration, n.angular_acceleration) for n in noises)
+    memory = np.empty((2, 3, 3)), np.empty((9, 3, 3)), np.zeros((8, 6, 6)), np.empty((4, 3, 6))
+    means, R, P, _ = memory
+    means[1] = belief.p_WCoM, belief.v_WCoM, belief.w_WO
+    R[1], P[2], P[3] = belief.R_WO, belief.P_position, belief.P_orientation
+    written = *memory, np.empty((2, 3)), np.empty((len(seen), 2, 2))
     com = _ZERO if p_OCoM is None else np.reshape(p_OCoM, (3, 1))
-    densities = np.array([noise.acceleration, noise.angular_acceleration])
-    variances = noise_factor * np.array([noise.position**2, noise.orientation**2])
-    inputs = measured, com, time - earlier.time, noise.gravity, densities, variances
-    write_step(means, R, P, K, nu, squared, *inputs)
-    beliefs = [
-        pose_filter.PoseBelief(time, mean[0], mean[1], R[k], mean[2], P[2 * k], P[2 * k + 1])
-        for k, mean in enumerate(means)
-    ]
-    return beliefs[0], pose_filter.Innovation(nu, P[:2], R[2:4], R[4:6], K[:2], squared), beliefs[1]
+    variances = noise_factor * noise.position**2, noise_factor * noise.orientation**2
+    motion = belief.time, noise.gravity, (first, later), variances
+    write_steps(*written, np.ascontiguousarray(seen), com, *motion)
+    return written
