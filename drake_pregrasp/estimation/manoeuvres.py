@@ -7,12 +7,12 @@ compared by their likelihoods, as in the generalised likelihood-ratio test of Wi
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from drake_pregrasp.arrays import FloatArray, pack
-from drake_pregrasp.estimation.pose_filter import Innovation, PoseBelief, PoseFilterNoise
+from drake_pregrasp.estimation.pose_filter import Innovation, PoseBelief
 from drake_pregrasp.estimation.pose_track import (
     FIRST_GATE,
     MEASUREMENT_SIZE,
@@ -82,10 +82,12 @@ def find_manoeuvre(
     seen, start = track.recent[:, :MEASUREMENT_SIZE], _start_of(track, 2)
     step, assumed = settings.step, (settings.p_OCoM, track.noise_factor)
     if start and is_outlier and track.innovation_squared.max() > TELLING**2:
-        pair = Replay(seen[-2:], step.replay(start, seen[-2:], [settings.sudden] * 2, *assumed))
-        first, second = pair.squared.max(axis=1)
+        noise = settings.sudden
+        first = noise.acceleration, noise.angular_acceleration
+        pair = Replay(seen[-2:], step.replay(start, seen[-2:], first, noise, *assumed))
+        before, last = pair.squared.max(axis=1)
         is_short = track.last_seen[0] - start.time <= _LONGEST_SURPRISE
-        if is_short and first <= settings.gate_squared and second <= TELLING**2:
+        if is_short and before <= settings.gate_squared and last <= TELLING**2:
             return pair
     squared = np.minimum(track.recent[:, MEASUREMENT_SIZE:], _LARGEST_SQUARE)
     squared = squared[::-1].cumsum(axis=0)  # Row k: sum of the newest k + 1.
@@ -103,8 +105,8 @@ def find_manoeuvre(
         parts, likelier = [False, False], [True, True]
         while any(likelier) and likelier != parts:  # Only likelier parts change.
             parts = likelier
-            noises = [_sudden(settings, parts, dt), settings.noise]
-            replayed = start, seen[-count:], noises, *assumed
+            first = _sudden(settings, parts, dt)
+            replayed = start, seen[-count:], first, settings.noise, *assumed
             squares = step.squares(*replayed)
             # Differences of minus twice the logarithm of the likelihood.
             gains = (squared[count - 1] + count * log_det - squares.sum(axis=(0, 1))).tolist()
@@ -125,14 +127,12 @@ def _start_of(track: PoseTrack, count: int) -> PoseBelief | None:
     return unpack_belief(track.steps[before, MEASUREMENT_SIZE:]) if is_recent else None
 
 
-def _sudden(settings: TrackerSettings, parts: Sequence[bool], dt: float) -> PoseFilterNoise:
-    """Returns the noise with which parts change their velocity by any amount within dt."""
-    noise, sudden = settings.noise, settings.sudden
-    rate = settings.gate * dt**-1.5
+def _sudden(settings: TrackerSettings, parts: Sequence[bool], dt: float) -> tuple[float, float]:
+    """Returns the accelerations with which parts change their velocity by any amount within dt."""
+    noise, sudden, rate = settings.noise, settings.sudden, settings.gate * dt**-1.5
     linear = max(sudden.acceleration, rate * noise.position)
     angular = max(sudden.angular_acceleration, rate * noise.orientation)
-    return replace(
-        noise,
-        acceleration=linear if parts[0] else noise.acceleration,
-        angular_acceleration=angular if parts[1] else noise.angular_acceleration,
+    return (
+        linear if parts[0] else noise.acceleration,
+        angular if parts[1] else noise.angular_acceleration,
     )

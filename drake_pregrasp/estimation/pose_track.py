@@ -1,7 +1,6 @@
 """State of the tracker: measurements, beliefs, and an alternative hypothesis; and its settings."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum, unique
 from functools import cached_property
@@ -229,7 +228,8 @@ class FilterStep:
         self,
         belief: PoseBelief,
         seen: FloatArray,
-        noises: Sequence[PoseFilterNoise],
+        first: tuple[float, float],
+        noise: PoseFilterNoise,
         *assumed: Any,
     ) -> list[tuple[PoseBelief, Innovation]]:
         """Returns the belief after each of several measurements, and the innovation.
@@ -237,22 +237,23 @@ class FilterStep:
         Args:
             belief: Belief before the first measurement.
             seen: The measurements in vectors, in the order of their times, shape (k, 13).
-            noises: Assumed noise and motion until the first measurement, and after it. They differ
-                in their accelerations only.
+            first: `acceleration` and `angular_acceleration` of the noise until the first one.
+            noise: Assumed noise and motion after the first one.
             assumed: The last two arguments of `filter_step`.
         """
-        steps, noise = [], noises[0]
+        steps, own = [], replace(noise, acceleration=first[0], angular_acceleration=first[1])
         for row in seen:
-            _, new, belief = self(belief, unpack_measurement(row), noise, *assumed)
+            _, new, belief = self(belief, unpack_measurement(row), own, *assumed)
             steps.append((belief, new))
-            noise = noises[1]
+            own = noise
         return steps
 
     def squares(
         self,
         belief: PoseBelief,
         seen: FloatArray,
-        noises: Sequence[PoseFilterNoise],
+        first: tuple[float, float],
+        noise: PoseFilterNoise,
         *assumed: Any,
     ) -> FloatArray:
         """Returns νᵀ S⁻¹ ν of position and orientation, and log det S, in a replay.
@@ -260,13 +261,14 @@ class FilterStep:
         Args:
             belief: As the others, see `replay`.
             seen: See `replay`.
-            noises: See `replay`.
+            first: See `replay`.
+            noise: See `replay`.
             assumed: See `replay`.
 
         Returns:
             Both for each measurement, shape (k, 2, 2): squares first, then logarithms.
         """
-        innovations = [new for _, new in self.replay(belief, seen, noises, *assumed)]
+        innovations = [new for _, new in self.replay(belief, seen, first, noise, *assumed)]
         log_det = np.linalg.slogdet([new.S for new in innovations])[1]
         return np.stack([[new.squared for new in innovations], log_det], axis=1)
 

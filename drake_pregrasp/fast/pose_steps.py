@@ -1,6 +1,5 @@
 """Steps of the pose filter, each from a belief to the posterior of the next measurement."""
 
-from collections.abc import Sequence
 from math import log
 from typing import Any
 
@@ -191,7 +190,9 @@ class CompiledFilterStep(FilterStep):
     ) -> tuple[PoseBelief, Innovation, PoseBelief]:
         """See `filter_step`."""
         time, seen = measurement.time, pack(measurement)[None]
-        means, R, P, K, nu, squares = _run(earlier, seen, (noise, noise), p_OCoM, noise_factor)
+        first = noise.acceleration, noise.angular_acceleration
+        written = _run(earlier, seen, first, noise, p_OCoM, noise_factor)
+        means, R, P, K, nu, squares = written
         prior, posterior = (
             PoseBelief(time, mean[0], mean[1], R[k], mean[2], P[2 * k], P[2 * k + 1])
             for k, mean in enumerate(means)
@@ -206,12 +207,12 @@ class CompiledFilterStep(FilterStep):
 def _run(
     belief: PoseBelief,
     seen: FloatArray,
-    noises: Sequence[PoseFilterNoise],
+    first: tuple[float, float],
+    noise: PoseFilterNoise,
     p_OCoM: FloatArray | None,
     noise_factor: float,
 ) -> tuple[FloatArray, ...]:
     """Returns what `write_steps` writes."""
-    noise, (first, later) = noises[0], ((n.acceleration, n.angular_acceleration) for n in noises)
     memory = np.empty((2, 3, 3)), np.empty((9, 3, 3)), np.zeros((8, 6, 6)), np.empty((4, 3, 6))
     means, R, P, _ = memory
     means[1] = belief.p_WCoM, belief.v_WCoM, belief.w_WO
@@ -219,6 +220,7 @@ def _run(
     written = *memory, np.empty((2, 3)), np.empty((len(seen), 2, 2))
     com = _ZERO if p_OCoM is None else np.reshape(p_OCoM, (3, 1))
     variances = noise_factor * noise.position**2, noise_factor * noise.orientation**2
-    motion = belief.time, noise.gravity, (first, later), variances
+    densities = first, (noise.acceleration, noise.angular_acceleration)
+    motion = belief.time, noise.gravity, densities, variances
     write_steps(*written, np.ascontiguousarray(seen), com, *motion)
     return written
