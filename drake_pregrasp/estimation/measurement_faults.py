@@ -47,7 +47,9 @@ def faulty_disturbance(
         tick: Index of the planning tick.
         seed: Seed of the random numbers.
     """
-    if fault_generator(seed, tick, FaultChannel.NAN).random() < faults.nan_probability:
+    # A generator takes longer to make than the rest.
+    chance = faults.nan_probability
+    if chance and fault_generator(seed, tick, FaultChannel.NAN).random() < chance:
         return np.full(3, np.nan), np.full((3, 3), np.nan)
     if faults.degrees_of_freedom:
         # A normal vector over the root of a chi-square number by its degrees of freedom is a vector
@@ -60,15 +62,13 @@ def faulty_disturbance(
     offset = position_std * noise[:3] + np.asarray(faults.position_bias)
     turn = rotation_matrix(orientation_std * noise[3:])
     turn = turn @ rotation_matrix(np.asarray(faults.orientation_bias, dtype=float))
-    outliers = fault_generator(seed, tick, FaultChannel.OUTLIERS)
-    if outliers.random() < faults.outlier_probability:
+    chance = faults.outlier_probability
+    outliers = fault_generator(seed, tick, FaultChannel.OUTLIERS) if chance else None
+    if outliers and outliers.random() < chance:
         offset = offset + faults.outlier_position * _direction(outliers)
         turn = rotation_matrix(faults.outlier_orientation * _direction(outliers)) @ turn
-    if faults.sign_flip_probability:
-        is_flipped = (
-            fault_generator(seed, tick, FaultChannel.SIGN_FLIPS).random()
-            < faults.sign_flip_probability
-        )
+    if chance := faults.sign_flip_probability:
+        is_flipped = fault_generator(seed, tick, FaultChannel.SIGN_FLIPS).random() < chance
         quaternion = Rotation.from_matrix(turn).as_quat()
         turn = Rotation.from_quat(-quaternion if is_flipped else quaternion).as_matrix()
     return offset, turn
