@@ -1,7 +1,6 @@
 """Hysteresis in quality: goals that move only as far as a measure of the grasp allows."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import lru_cache
 
 import numpy as np
 
@@ -20,7 +19,8 @@ Measure = Callable[[ObjectSurface, FloatArray, FloatArray], Iterable[float]]
 """Maps a surface, and active contacts on it and their normals in O, shapes (n, 3), to measures.
 They are computed one by one, so that a caller can stop at the first one that is too low."""
 
-_REMEMBERED = 8  # Margins in the cache. Contacts that stay have that of the previous tick.
+Margin = Callable[[FloatArray, FloatArray, float], float]
+"""An implementation of `min_weight_margin` of hard fingers."""
 
 
 def guard_measure(
@@ -28,6 +28,7 @@ def guard_measure(
     friction: float,
     independent_radius: float = 0.0,
     slip_radii: SlipRadii = slip_radii_within,
+    margin: Margin = min_weight_margin,
 ) -> Measure | None:
     """Returns the named measures as one function, or None if there are none.
 
@@ -39,6 +40,7 @@ def guard_measure(
         independent_radius: If above 0, how far each contact may slip is a measure, too, up to this
             radius, in metres.
         slip_radii: Implementation of `slip_radii_within`.
+        margin: Implementation of `min_weight_margin`.
 
     Raises:
         InvalidArgumentError: If a name is not in `GUARDS`.
@@ -49,11 +51,6 @@ def guard_measure(
     if not names and not independent_radius > 0:
         return None
 
-    @lru_cache(maxsize=_REMEMBERED)
-    def margin(p_CoMC: bytes, nhat: bytes) -> float:
-        p, n = (np.frombuffer(buffer).reshape(-1, 3) for buffer in (p_CoMC, nhat))
-        return min_weight_margin(p, n, friction)
-
     def measure(surface: ObjectSurface, p_OC: FloatArray, nhat: FloatArray) -> Iterator[float]:
         p_CoMC = p_OC - surface.p_OCoM
         of_the_matrix = [name for name in names if name != "margin"]
@@ -63,7 +60,7 @@ def guard_measure(
         if independent_radius > 0:
             yield from slip_radii(surface, p_OC, nhat, independent_radius, friction)
         if "margin" in names:
-            yield margin(p_CoMC.tobytes(), nhat.tobytes())
+            yield margin(p_CoMC, nhat, friction)
 
     return measure
 

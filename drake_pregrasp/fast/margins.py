@@ -15,7 +15,13 @@ from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.fast.compiling import GROUP, compiled
 from drake_pregrasp.fast.goals import Members
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.quality.force_closure import CONE_EDGES, GRAM_RANK_TOLERANCE, longest_arm
+from drake_pregrasp.quality.force_closure import (
+    CONE_EDGES,
+    GRAM_RANK_TOLERANCE,
+    cone_edges,
+    largest_minimum,
+    longest_arm,
+)
 from drake_pregrasp.regions.independent_regions import LEAST_MARGIN, slip_radii
 
 _DIAGONAL = math.sqrt(0.5)
@@ -189,6 +195,17 @@ def compiled_slip_radii(
     radii, is_open = np.full(n, float(radius)), order[bounds <= LEAST_MARGIN]
     np.minimum.at(radii, moved[is_open], slips[is_open])
     return radii
+
+
+solve = compiled("f8(f8[:,::1])")(largest_minimum)
+
+
+def compiled_margin(p_CoMC: FloatArray, nhat: FloatArray, friction: float) -> float:
+    """Returns `min_weight_margin` of hard fingers."""
+    rows = contact_rows(p_CoMC, nhat, longest_arm(p_CoMC)).reshape(len(nhat), 7, 3)
+    W = rows[:, :6] @ cone_edges(friction, "hard_finger", 0.0)
+    margin: float = solve(W.transpose(1, 0, 2).reshape(6, -1))
+    return margin
 
 
 class MarginWeights:

@@ -21,7 +21,7 @@ from drake_pregrasp.estimation.pose_filter import (
     predict,
     update,
 )
-from drake_pregrasp.estimation.pose_track import MEASUREMENT_SIZE, PoseTrack
+from drake_pregrasp.estimation.pose_track import MEASUREMENT_SIZE, FilterStep, PoseTrack
 from drake_pregrasp.estimation.pose_tracker import OLDEST, update_track
 from drake_pregrasp.fast import fast_filter_step
 
@@ -359,5 +359,6 @@ def test_a_part_changes_its_motion_only_by_evidence_of_its_own(left, is_found):
     _, track = tracked(0, 30)
     track.recent[-3:, MEASUREMENT_SIZE:] = 10.0  # With 5 left, each part has 15 of the 16 it needs.
     new = Innovation(*5 * [np.array([np.eye(3)] * 2)], squared=np.full(2, left))
-    settings = replace(SETTINGS, step=lambda belief, *_: (belief, new, belief))
+    step = type("Step", (FilterStep,), {"__call__": lambda self, belief, *_: (belief, new, belief)})
+    settings = replace(SETTINGS, step=step())
     assert (find_manoeuvre(track, new, False, settings) is not None) == is_found

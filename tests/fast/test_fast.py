@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import ForbiddenPoints, InvalidArgumentError, box_surface, mesh_surface
+from drake_pregrasp.arrays import pack
 from drake_pregrasp.contacts.centroids import select_contacts
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import make_strategy
@@ -18,8 +19,17 @@ from drake_pregrasp.estimation.pose_filter import (
     filter_step,
     first_belief,
 )
-from drake_pregrasp.fast import SWITCH, fast_filter_step, fast_goals, fast_labels, fast_slip_radii
+from drake_pregrasp.estimation.pose_track import FilterStep
+from drake_pregrasp.fast import (
+    SWITCH,
+    fast_filter_step,
+    fast_goals,
+    fast_labels,
+    fast_margin,
+    fast_slip_radii,
+)
 from drake_pregrasp.geometry.shapes import ball_shape
+from drake_pregrasp.quality.force_closure import min_weight_margin
 from drake_pregrasp.quality.grasp_quality import contact_blocks
 from drake_pregrasp.regions.independent_regions import slip_radii_within
 from drake_pregrasp.regions.safe_regions import SafeRegions, compute_safe_regions
@@ -217,6 +227,11 @@ def test_a_step_of_the_pose_filter_equals_the_reference(seed, rate, gravity, has
     ):
         for name, value in vars(reference).items():
             np.testing.assert_allclose(getattr(fast, name), value, rtol=1e-9, atol=1e-12)
+    later = [replace(measurement, time=1.2 + 0.1 * k, p_WCoM=rng.normal(size=3)) for k in range(3)]
+    seen = np.array([pack(one) for one in (measurement, *later)])
+    replayed = earlier, seen, (5.0, 7.0), noise, p_OCoM, noise_factor
+    expected = FilterStep().squares(*replayed)
+    np.testing.assert_allclose(step.squares(*replayed), expected, rtol=1e-6, atol=1e-9)
 
 
 @settings(max_examples=100)
@@ -235,3 +250,5 @@ def test_slips_are_those_of_the_reference(seed, n, edges, radius, friction):
         for slip_radii in (fast_slip_radii(), slip_radii_within)
     )
     np.testing.assert_allclose(fast, reference, rtol=0, atol=1e-9)
+    grasp = p_OC - surface.p_OCoM, nhat, friction
+    assert fast_margin()(*grasp) == pytest.approx(min_weight_margin(*grasp), abs=1e-9)

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import settings
 from made_contacts import SURFACE, anywhere, on_box, seeds
+from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import InvalidArgumentError
 from drake_pregrasp.quality.force_closure import (
     CONE_EDGES,
     CONE_MODELS,
+    TORSIONAL_FRICTION,
     cone_edges,
     ferrari_canny,
     least_norm_margin,
@@ -96,6 +98,20 @@ def test_the_two_margins_agree_on_force_closure(model, seed, n):
     if margin > 1e-7:
         measured = "hard_finger" if model == "frictionless" else model
         assert grasp_quality(r, nhat, model=measured).indeterminate == 0
+
+
+@pytest.mark.parametrize("model", CONE_MODELS)
+@cases
+def test_the_margin_is_that_of_the_linear_program(model, seed, n):
+    r, nhat = on_box(seed, n)
+    W = primitive_wrenches(r, nhat, 0.7, model=model, torsional_friction=TORSIONAL_FRICTION)
+    W[3:] /= 0.05
+    m = W.shape[1]
+    A = np.vstack([W, np.ones(m)])
+    A, l = np.hstack([A, A.sum(axis=1, keepdims=True)]), np.eye(m + 1)[m]
+    best = linprog(-l, A_eq=A, b_eq=np.eye(7)[6], bounds=[*m * [(0, None)], (None, None)])
+    expected = max(0.0, -m * best.fun) if best.success else 0.0
+    assert min_weight_margin(r, nhat, 0.7, model=model) == pytest.approx(expected, abs=1e-7)
 
 
 @settings(max_examples=30)
