@@ -202,7 +202,8 @@ solve = compiled("f8(f8[:,::1])")(largest_minimum)
 
 def compiled_margin(p_CoMC: FloatArray, nhat: FloatArray, friction: float) -> float:
     """Returns `min_weight_margin` of hard fingers."""
-    rows = contact_rows(p_CoMC, nhat, longest_arm(p_CoMC)).reshape(len(nhat), 7, 3)
+    arm, n = longest_arm(p_CoMC), len(nhat)
+    rows = contact_rows(np.array(p_CoMC), np.array(nhat), arm).reshape(n, 7, 3)
     W = rows[:, :6] @ cone_edges(friction, "hard_finger", 0.0)
     margin: float = solve(W.transpose(1, 0, 2).reshape(6, -1))
     return margin

@@ -108,9 +108,10 @@ def test_the_margin_is_that_of_the_linear_program(model, seed, n):
     W[3:] /= 0.05
     m = W.shape[1]
     A = np.vstack([W, np.ones(m)])
-    A, l = np.hstack([A, A.sum(axis=1, keepdims=True)]), np.eye(m + 1)[m]
-    best = linprog(-l, A_eq=A, b_eq=np.eye(7)[6], bounds=[*m * [(0, None)], (None, None)])
-    expected = max(0.0, -m * best.fun) if best.success else 0.0
+    A, c = np.hstack([A, A.sum(axis=1, keepdims=True)]), -np.eye(m + 1)[m]
+    best = linprog(c, A_eq=A, b_eq=np.eye(7)[6], bounds=[*m * [(0, None)], (None, None)])
+    spans = np.linalg.matrix_rank(W, tol=1e-9) == 6
+    expected = max(0.0, -m * best.fun) if spans and best.success else 0.0
     assert min_weight_margin(r, nhat, 0.7, model=model) == pytest.approx(expected, abs=1e-7)
 
 
