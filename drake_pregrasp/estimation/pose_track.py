@@ -248,27 +248,16 @@ class FilterStep:
             own = noise
         return steps
 
-    def squares(
-        self,
-        belief: PoseBelief,
-        seen: FloatArray,
-        first: tuple[float, float],
-        noise: PoseFilterNoise,
-        *assumed: Any,
-    ) -> FloatArray:
+    def squares(self, *replayed: Any) -> FloatArray:
         """Returns νᵀ S⁻¹ ν of position and orientation, and log det S, in a replay.
 
         Args:
-            belief: As the others, see `replay`.
-            seen: See `replay`.
-            first: See `replay`.
-            noise: See `replay`.
-            assumed: See `replay`.
+            replayed: Arguments of `replay`.
 
         Returns:
             Both for each measurement, shape (k, 2, 2): squares first, then logarithms.
         """
-        innovations = [new for _, new in self.replay(belief, seen, first, noise, *assumed)]
+        innovations = [new for _, new in self.replay(*replayed)]
         log_det = np.linalg.slogdet([new.S for new in innovations])[1]
         return np.stack([[new.squared for new in innovations], log_det], axis=1)
 

@@ -6,12 +6,7 @@ from typing import Any
 import numpy as np
 
 from drake_pregrasp.arrays import FloatArray, pack
-from drake_pregrasp.estimation.pose_filter import (
-    Innovation,
-    PoseBelief,
-    PoseFilterNoise,
-    PoseMeasurement,
-)
+from drake_pregrasp.estimation import pose_filter as pf
 from drake_pregrasp.estimation.pose_track import FilterStep
 from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.geometry.rotations import rotation_components, rotation_rows
@@ -182,22 +177,22 @@ class CompiledFilterStep(FilterStep):
 
     def __call__(
         self,
-        earlier: PoseBelief,
-        measurement: PoseMeasurement,
-        noise: PoseFilterNoise,
+        earlier: pf.PoseBelief,
+        measurement: pf.PoseMeasurement,
+        noise: pf.PoseFilterNoise,
         p_OCoM: FloatArray | None = None,
         noise_factor: float = 1.0,
-    ) -> tuple[PoseBelief, Innovation, PoseBelief]:
+    ) -> tuple[pf.PoseBelief, pf.Innovation, pf.PoseBelief]:
         """See `filter_step`."""
         time, seen = measurement.time, pack(measurement)[None]
         first = noise.acceleration, noise.angular_acceleration
         written = _run(earlier, seen, first, noise, p_OCoM, noise_factor)
         means, R, P, K, nu, squares = written
         prior, posterior = (
-            PoseBelief(time, mean[0], mean[1], R[k], mean[2], P[2 * k], P[2 * k + 1])
+            pf.PoseBelief(time, mean[0], mean[1], R[k], mean[2], P[2 * k], P[2 * k + 1])
             for k, mean in enumerate(means)
         )
-        return prior, Innovation(nu, P[:2], R[2:4], R[4:6], K[:2], squares[0, 0]), posterior
+        return prior, pf.Innovation(nu, P[:2], R[2:4], R[4:6], K[:2], squares[0, 0]), posterior
 
     def squares(self, *replayed: Any) -> FloatArray:
         """See `FilterStep`."""
@@ -205,10 +200,10 @@ class CompiledFilterStep(FilterStep):
 
 
 def _run(
-    belief: PoseBelief,
+    belief: pf.PoseBelief,
     seen: FloatArray,
     first: tuple[float, float],
-    noise: PoseFilterNoise,
+    noise: pf.PoseFilterNoise,
     p_OCoM: FloatArray | None,
     noise_factor: float,
 ) -> tuple[FloatArray, ...]:
