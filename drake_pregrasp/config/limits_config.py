@@ -10,11 +10,10 @@ from drake_pregrasp.contacts.goal_limits import ContactLimits, Pair
 from drake_pregrasp.contacts.quality_guard import GUARDS, guard_measure
 from drake_pregrasp.contacts.reassignment import ReassignmentRule
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.fast import fast_margin, fast_slip_radii
+from drake_pregrasp.fast import fast_largest_minimum, fast_slip_radii
 from drake_pregrasp.geometry.box_surface import BOX_FACES
 from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.solids import BallSolid, Solid
-from drake_pregrasp.quality.force_closure import min_weight_margin
 from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
 from drake_pregrasp.regions.finger_reach import FingerReach
 from drake_pregrasp.regions.independent_regions import slip_radii_within
@@ -187,11 +186,11 @@ class LimitsConfig:
         """
         steps, radius = [self.max_step, self.max_speed * period], self.independent_radius
         slip_radii = fast_slip_radii() if radius > 0 else slip_radii_within  # Compiled if needed.
-        margin = fast_margin() if "margin" in self.guard else min_weight_margin
+        solve = fast_largest_minimum() if "margin" in self.guard else None
         return ContactLimits(
             max_step=min((step for step in steps if step > 0), default=np.inf),
             deadband=self.deadband,
             pairs=tuple(self.pairs),
             recover=self.recover,
-            guard=guard_measure(self.guard, friction, radius, slip_radii, margin),
+            guard=guard_measure(self.guard, friction, radius, slip_radii, solve),
         )

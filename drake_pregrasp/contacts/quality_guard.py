@@ -8,7 +8,7 @@ from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.quality.force_closure import min_weight_margin
+from drake_pregrasp.quality.force_closure import LargestMinimum, min_weight_margin
 from drake_pregrasp.quality.grasp_quality import grasp_quality
 from drake_pregrasp.regions.independent_regions import SlipRadii, slip_radii_within
 
@@ -19,16 +19,13 @@ Measure = Callable[[ObjectSurface, FloatArray, FloatArray], Iterable[float]]
 """Maps a surface, and active contacts on it and their normals in O, shapes (n, 3), to measures.
 They are computed one by one, so that a caller can stop at the first one that is too low."""
 
-Margin = Callable[[FloatArray, FloatArray, float], float]
-"""An implementation of `min_weight_margin` of hard fingers."""
-
 
 def guard_measure(
     names: Sequence[str],
     friction: float,
     independent_radius: float = 0.0,
     slip_radii: SlipRadii = slip_radii_within,
-    margin: Margin = min_weight_margin,
+    solve: LargestMinimum | None = None,
 ) -> Measure | None:
     """Returns the named measures as one function, or None if there are none.
 
@@ -40,7 +37,7 @@ def guard_measure(
         independent_radius: If above 0, how far each contact may slip is a measure, too, up to this
             radius, in metres.
         slip_radii: Implementation of `slip_radii_within`.
-        margin: Implementation of `min_weight_margin`.
+        solve: Implementation of `largest_minimum`.
 
     Raises:
         InvalidArgumentError: If a name is not in `GUARDS`.
@@ -60,7 +57,7 @@ def guard_measure(
         if independent_radius > 0:
             yield from slip_radii(surface, p_OC, nhat, independent_radius, friction)
         if "margin" in names:
-            yield margin(p_CoMC, nhat, friction)
+            yield min_weight_margin(p_CoMC, nhat, friction, solve=solve)
 
     return measure
 

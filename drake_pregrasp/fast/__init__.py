@@ -11,7 +11,7 @@ these return the reference, or None for it.
 | `projection` | `geometry.surface.ObjectSurface.project` and `project_into` |
 | `goals`, `closed_forms`, `spectra`, `margins` | `contacts.centroids.region_goals`, `best_points` |
 | `margins` | `regions.independent_regions.slip_radii_within` |
-| `margins` | `quality.force_closure.min_weight_margin` |
+| `margins` | `quality.force_closure.largest_minimum` |
 | `pose_steps` | `estimation.pose_track.FilterStep` |
 
 **One description.** A region is an intersection: the weighted Voronoi cell of its contact,
@@ -58,11 +58,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.contacts.quality_guard import Margin
 from drake_pregrasp.contacts.selection_input import GoalFunction
 from drake_pregrasp.estimation.pose_track import FilterStep
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.quality.force_closure import min_weight_margin
+from drake_pregrasp.quality.force_closure import LargestMinimum
 from drake_pregrasp.regions.constraints import LimitFunction, Predicates
 from drake_pregrasp.regions.independent_regions import SlipRadii, slip_radii_within
 from drake_pregrasp.regions.safe_regions import LabelCandidates
@@ -126,9 +125,10 @@ def fast_slip_radii() -> SlipRadii:
     return _compiled("margins", "compiled_slip_radii") or slip_radii_within
 
 
-def fast_margin() -> Margin:
-    """Returns `min_weight_margin` of hard fingers compiled, or the reference without numba."""
-    return _compiled("margins", "compiled_margin") or min_weight_margin
+def fast_largest_minimum() -> LargestMinimum | None:
+    """Returns `largest_minimum` compiled, or None without numba."""
+    solve: LargestMinimum | None = _compiled("margins", "compiled_largest_minimum")
+    return solve
 
 
 def fast_filter_step() -> FilterStep | None:

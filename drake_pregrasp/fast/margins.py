@@ -18,7 +18,6 @@ from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.force_closure import (
     CONE_EDGES,
     GRAM_RANK_TOLERANCE,
-    cone_edges,
     largest_minimum,
     longest_arm,
 )
@@ -197,16 +196,7 @@ def compiled_slip_radii(
     return radii
 
 
-solve = compiled("f8(f8[:,::1])")(largest_minimum)
-
-
-def compiled_margin(p_CoMC: FloatArray, nhat: FloatArray, friction: float) -> float:
-    """Returns `min_weight_margin` of hard fingers."""
-    arm, n = longest_arm(p_CoMC), len(nhat)
-    rows = contact_rows(np.array(p_CoMC), np.array(nhat), arm).reshape(n, 7, 3)
-    W = rows[:, :6] @ cone_edges(friction, "hard_finger", 0.0)
-    margin: float = solve(W.transpose(1, 0, 2).reshape(6, -1))
-    return margin
+compiled_largest_minimum = compiled("f8(f8[:,::1])")(largest_minimum)
 
 
 class MarginWeights:

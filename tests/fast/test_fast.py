@@ -25,7 +25,7 @@ from drake_pregrasp.fast import (
     fast_filter_step,
     fast_goals,
     fast_labels,
-    fast_margin,
+    fast_largest_minimum,
     fast_slip_radii,
 )
 from drake_pregrasp.geometry.shapes import ball_shape
@@ -251,4 +251,5 @@ def test_slips_are_those_of_the_reference(seed, n, edges, radius, friction):
     )
     np.testing.assert_allclose(fast, reference, rtol=0, atol=1e-9)
     grasp = p_OC - surface.p_OCoM, nhat, friction
-    assert fast_margin()(*grasp) == pytest.approx(min_weight_margin(*grasp), abs=1e-9)
+    fast = min_weight_margin(*grasp, solve=fast_largest_minimum())
+    assert fast == pytest.approx(min_weight_margin(*grasp), abs=1e-9)

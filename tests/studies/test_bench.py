@@ -110,6 +110,15 @@ def test_the_time_of_a_tick_is_that_of_planning_it(monkeypatch):
         assert row["x real time"] == 1 / row["processor s / s"] == pytest.approx(0.02 / 2**-6)
 
 
+@pytest.mark.slow
+def test_ticks_at_which_a_hand_holds_contacts_do_not_count(monkeypatch):
+    monkeypatch.setattr(run_times, "implementations", lambda: ("reference",))
+    text = "{planner: {period: 0.2}, grasp: {close_at: 0.5}}"
+    (row,) = time_run(RunJob("hand", "grasp_five_finger", text, 12))  # The last four hold.
+    assert 0 < row["ticks"] <= 12 - 3 - 4
+    assert row["99 % [ms]"] > 0
+
+
 def test_only_scenarios_that_lack_an_extra_are_left_out(monkeypatch):
     monkeypatch.setattr(allegro_panda, "PACKAGE", "not-installed")
     (row,) = time_run(RunJob("arm", "grasp_allegro_panda"))

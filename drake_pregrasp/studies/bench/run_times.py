@@ -54,6 +54,8 @@ class RunJob(NamedTuple):
 class _TickTimer(LeafSystem):
     """Asks a simulation's planner for its goals before any other system does, and times it.
 
+    The time of a tick is NaN if a hand holds the contacts, because then nothing is planned.
+
     Publish events of one time run in the order in which systems were added. Add this system before
     the simulation.
     """
@@ -69,7 +71,9 @@ class _TickTimer(LeafSystem):
         own = self._planner.GetMyContextFromRoot(self.root_context)
         start = time.thread_time()
         self._planner.GetOutputPort("p_WC").Eval(own)
-        self.seconds.append(time.thread_time() - start)
+        seconds, hold = time.thread_time() - start, self._planner.GetInputPort("hold_contacts")
+        is_held = hold.HasValue(own) and hold.Eval(own)[0] > 0
+        self.seconds.append(np.nan if is_held else seconds)
         return EventStatus.Succeeded()
 
 

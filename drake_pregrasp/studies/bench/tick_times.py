@@ -224,7 +224,11 @@ def time_ticks(job: TickJob) -> list[dict[str, Any]]:
 
 
 def tick_columns(seconds: list[float] | FloatArray) -> dict[str, float]:
-    """Returns the number of ticks, their median and 99th percentile, and the ratio of both."""
+    """Returns the number of ticks, their median and 99th percentile, and the ratio of both.
+
+    Ticks of NaN seconds do not count.
+    """
+    seconds = np.array(seconds)[np.isfinite(seconds)]
     median, high = 1e3 * np.percentile(seconds, [50, 99])
     columns = ("ticks", "median [ms]", "99 % [ms]", "99 % / median")
     return dict(zip(columns, (len(seconds), median, high, high / median), strict=True))
