@@ -29,7 +29,7 @@ def guard_measure(
 ) -> Measure | None:
     """Returns the named measures as one function, or None if there are none.
 
-    The margin comes last, because it is slow: it solves a linear program.
+    The margin comes last, because it is the slowest: it solves a linear program.
 
     Args:
         names: Names from `GUARDS`.
