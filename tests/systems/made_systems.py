@@ -2,10 +2,10 @@
 
 import numpy as np
 from driven import Driven, port_names
-from pydrake.common.value import AbstractValue
+from five_finger_hand import AROUND, FRAMES, HAND, bus
+from five_finger_hand import RAYS as RING
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.systems.framework import BusValue
 
 import drake_pregrasp as dp
 from drake_pregrasp.config.hand_description import Fingertip
@@ -16,13 +16,8 @@ from drake_pregrasp.regions.finger_measures import FingerMeasures
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.systems.sources import HandPose
 
-HAND_FILE = "package://drake_pregrasp/five_finger_hand.yaml"
-HAND = dp.HandModel(dp.load_hand(HAND_FILE))
-FRAMES = HAND.kinematics.tip_frames
 N, NQ, RADIUS = 5, 19, 0.009
 PERIOD, CONTROL_PERIOD = 0.05, 0.02
-AROUND = 2 * np.pi * np.arange(N) / N
-RING = np.stack([np.cos(AROUND), np.sin(AROUND), 0 * AROUND], axis=1)
 SETTINGS = dp.GraspConfig().make_settings()
 NO_POSES = (
     RigidTransform([1e300, 0.0, np.nan]),
@@ -117,22 +112,6 @@ def make_arm(**changes):
         **changes,
     }
     return dp.ArmPosture(**arguments)
-
-
-def bus(points, normals=None, names=FRAMES):
-    """A bus of poses at points, with their z axes against the normals if there are any."""
-    value = BusValue()
-    for index, (name, point) in enumerate(zip(names, points, strict=False)):
-        R = RotationMatrix()
-        if normals is not None:
-            R = RotationMatrix.MakeFromOneVector(-np.array(normals[index], dtype=float), 2)
-        value.Set(name, AbstractValue.Make(RigidTransform(R, point)))
-    return value
-
-
-def points_of(value, names=FRAMES):
-    found = [value.Find(name) for name in names]
-    return np.array([X.translation() for X in found if X is not None])
 
 
 def regions_of(surface, p_OC, weights=None):

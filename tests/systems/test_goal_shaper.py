@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from driven import Driven
-from made_systems import AROUND, HAND, RADIUS, N, bus, make_carrier, make_shaper, points_of
+from five_finger_hand import points_of
+from made_systems import AROUND, HAND, RADIUS, N, bus, make_carrier, make_shaper
 from made_systems import CONTROL_PERIOD as PERIOD
 from made_systems import RING as UNIT_RING
 from pydrake.math import RigidTransform, RotationMatrix

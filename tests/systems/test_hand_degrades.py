@@ -3,6 +3,7 @@
 import made_systems
 import numpy as np
 import pytest
+from five_finger_hand import points_of
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
@@ -28,7 +29,7 @@ def spoiled(value, number):
     elif isinstance(value, SpatialVelocity):
         yield SpatialVelocity(w=[0.0, number, 0.0], v=[number, 0.0, 0.0])
     elif isinstance(value, BusValue):
-        points = made_systems.points_of(value)
+        points = points_of(value)
         points[2, 1] = number
         yield made_systems.bus(points, made_systems.RING)
         yield BusValue()

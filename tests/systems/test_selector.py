@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from driven import Driven
+from five_finger_hand import points_of
 from made_systems import (
     AROUND,
     NO_POSES,
@@ -13,7 +14,6 @@ from made_systems import (
     N,
     make_selector,
     partition,
-    points_of,
     regions_of,
 )
 from pydrake.math import RigidTransform, RollPitchYaw
