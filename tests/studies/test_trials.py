@@ -5,11 +5,10 @@ import itertools
 
 import numpy as np
 import pytest
+from driven import Driven
+from five_finger_hand import AROUND, FRAMES, HAND, bus, points_of
 from made_up_trials import record, state_of
-from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import BusValue
 
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.limits_config import LimitsConfig
@@ -19,7 +18,6 @@ from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspState
 from drake_pregrasp.quality.grasp_quality import grasp_quality
 from drake_pregrasp.regions.constraints import Obstacles
-from drake_pregrasp.simulation.hand_file import load_hand, load_hand_model
 from drake_pregrasp.studies.static_versus_dynamic import grasp_outcome, methods
 from drake_pregrasp.studies.static_versus_dynamic.baseline_goals import (
     RayTarget,
@@ -37,10 +35,6 @@ from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import (
 from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS, rays_at
 from drake_pregrasp.studies.static_versus_dynamic.trial import make_trial, run_trial
 
-HAND = "package://drake_pregrasp/five_finger_hand.yaml"
-MODEL = load_hand_model(HAND)
-FRAMES = MODEL.kinematics.tip_frames
-AROUND = 2 * np.pi * np.arange(5) / 5
 CUBE = BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1))
 CORNERS = 0.05 * np.array(list(itertools.product((-1, 1), repeat=3)))
 TARGET = RayTarget(CUBE, CORNERS, np.zeros(3))
@@ -52,13 +46,13 @@ def test_starts_are_those_of_the_seed_apart_and_in_reach(condition):
     low, high = scenario.grasp.yaw_range
     seen = []
     for seed in range(3):
-        start = random_start(scenario, surface, MODEL, seed=seed)
-        again = random_start(scenario, surface, MODEL, seed=seed)
+        start = random_start(scenario, surface, HAND, seed=seed)
+        again = random_start(scenario, surface, HAND, seed=seed)
         np.testing.assert_array_equal(start.p_OC, again.p_OC)
         distances = np.linalg.norm(start.p_OC[:, None] - start.p_OC, axis=2) + np.eye(5)
         assert np.min(distances) >= 0.024
         aside = wrapped(np.arctan2(start.p_OC[:, 1], start.p_OC[:, 0]) - AROUND - start.yaw)
-        assert np.all(np.abs(aside) <= MODEL.largest_offsets + 1e-4)
+        assert np.all(np.abs(aside) <= HAND.largest_offsets + 1e-4)
         assert low <= start.yaw <= high
         lost = [finger for _, fingers in start.losses for finger in fingers]
         assert len(set(lost)) == {"one_lost": 1, "two_lost": 2}.get(condition.key, 0)
@@ -77,7 +71,7 @@ def initial_contacts(method, seed):
 
 @pytest.mark.slow
 def test_a_planned_start_is_a_better_grasp_within_reach():
-    reach = [tip.reach.make_reach() for tip in load_hand(HAND).fingertips]
+    reach = [tip.reach.make_reach() for tip in HAND.description.fingertips]
     for seed in range(2):
         planned, normals = initial_contacts("fixed_plan", seed)
         random, _ = initial_contacts("dynamic", seed)
@@ -87,56 +81,39 @@ def test_a_planned_start_is_a_better_grasp_within_reach():
             assert reach[finger].permits(p[None], n[None], (p + 0.029 * n)[None])[0]
 
 
-def targets(contacts):
-    value = BusValue()
-    for name, (point, normal) in zip(FRAMES, contacts, strict=True):
-        R = RotationMatrix.MakeFromOneVector(-np.array(normal, dtype=float), 2)
-        value.Set(name, AbstractValue.Make(RigidTransform(R, point)))
-    return value
-
-
-def points_of(value):
-    return np.array([value.Find(name).translation() for name in FRAMES])
-
-
 def ring(turn):
-    ways = np.stack([np.cos(AROUND + turn), np.sin(AROUND + turn), 0 * AROUND], axis=1)
-    return [(0.05 * way, way) for way in ways]
+    rays = rays_at(AROUND + turn)
+    return bus(0.05 * rays, rays)
 
 
 def test_contacts_that_turn_away_go_to_the_next_finger_round_the_hand():
     system = methods.Reassignment(FRAMES, azimuths=AROUND, period=0.05)
-    simulator = Simulator(system)
-    context = simulator.get_mutable_context()
-    system.GetInputPort("X_WH").FixValue(context, RigidTransform())
-    lost = np.array([0, 0, -np.inf, 0, 0])
-    system.GetInputPort("contact_weights").FixValue(context, lost)
-    system.GetInputPort("contact_status").FixValue(context, np.arange(1.0, 6.0))
+    lost = {"contact_weights": [0, 0, -np.inf, 0, 0], "contact_status": np.arange(1.0, 6.0)}
+    driven = Driven(system, X_WH=RigidTransform(), **lost)
     for index, turn in enumerate(np.arange(0.0, 7.0, 0.1)):
-        system.GetInputPort("fingertip_targets").FixValue(context, targets(ring(turn)))
-        simulator.AdvanceTo(0.05 * index + 0.01)
-        points = points_of(system.GetOutputPort("fingertip_targets").Eval(context))
+        driven.fix(fingertip_targets=ring(turn))
+        driven.simulator.AdvanceTo(0.05 * index + 0.01)
+        points = points_of(driven.eval("fingertip_targets"))
         aside = wrapped(np.arctan2(points[:, 1], points[:, 0]) - AROUND)
         assert np.all(np.abs(aside) <= np.radians(40) + 1e-9)
-        status = system.GetOutputPort("contact_status").Eval(context)
+        status = driven.eval("contact_status")
         assert status[2] == ContactStatus.LOST
-        given = [points_of(targets(ring(turn))).tolist().index(p) for p in points.tolist()]
+        given = [points_of(ring(turn)).tolist().index(p) for p in points.tolist()]
         assert [status[f] for f in (0, 1, 3, 4)] == [given[f] + 1 for f in (0, 1, 3, 4)]
 
 
 def stationary_hand(close, *, obstacles=(), yaw=0.3):
     limits = LimitsConfig(tip_radii=[0.009] * 5, standoff=0.02, clearance=0.004)
     system = StationaryHand(FRAMES, azimuths=AROUND, target=TARGET, limits=limits)
-    context = system.CreateDefaultContext()
     X_WO = RigidTransform(RotationMatrix.MakeZRotation(yaw), [0.2, 0.1, 0.05])
-    system.GetInputPort("X_WO_estimated").FixValue(context, X_WO)
-    system.GetInputPort("contact_weights").FixValue(context, np.array([0, 0, 0, 0, -np.inf]))
-    system.GetInputPort("obstacles").FixValue(
-        context, AbstractValue.Make(Obstacles(tuple(obstacles)))
+    driven = Driven(
+        system,
+        X_WO_estimated=X_WO,
+        contact_weights=[0, 0, 0, 0, -np.inf],
+        obstacles=Obstacles(tuple(obstacles)),
+        close=[float(close)],
     )
-    system.GetInputPort("close").FixValue(context, [float(close)])
-    value = system.GetOutputPort("fingertip_targets").Eval(context)
-    return value, system.GetOutputPort("contact_status").Eval(context), X_WO
+    return driven.eval("fingertip_targets"), driven.eval("contact_status"), X_WO
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.3, 1.0])
@@ -164,32 +141,26 @@ def test_a_stationary_hand_withdraws_fingers_that_would_be_near_obstacles(close)
     assert (status[0], status[2]) == (ContactStatus.OBSTRUCTED, ContactStatus.ACTIVE)
 
 
-class Reactive:
+class Reactive(Driven):
     """A reactive choice of a grasp of a cube at the origin of W, whose inputs can be changed."""
 
     def __init__(self):
         limits = LimitsConfig(tip_radii=[0.009] * 5, standoff=0.02, clearance=0.004)
         system = ReactiveChoice(FRAMES, target=TARGET, limits=limits, period=0.05)
-        self._system, self._simulator = system, Simulator(system)
-        self._context = self._simulator.get_mutable_context()
-        self.give(X_WO_estimated=RigidTransform(), contact_weights=np.zeros(5))
-        self.give(obstacles=AbstractValue.Make(Obstacles()), p_WT=self.tips(0.0))
+        super().__init__(system, X_WO_estimated=RigidTransform(), contact_weights=np.zeros(5))
+        self.fix(obstacles=Obstacles(), p_WT=self.tips(0.0))
 
     @staticmethod
     def tips(turn):
         return 0.092 * rays_at(AROUND + turn).ravel()
 
-    def give(self, **inputs):
-        for name, value in inputs.items():
-            self._system.GetInputPort(name).FixValue(self._context, value)
-
     def choose(self):
         """Returns the contacts by finger, and the status, after a tick."""
-        self._simulator.AdvanceTo(self._context.get_time() + 0.05)
-        value = self._system.GetOutputPort("fingertip_targets").Eval(self._context)
+        self.tick()
+        value = self.eval("fingertip_targets")
         found = {finger: value.Find(name) for finger, name in enumerate(FRAMES)}
         contacts = {finger: X_WC for finger, X_WC in found.items() if X_WC is not None}
-        status = self._system.GetOutputPort("contact_status").Eval(self._context)
+        status = self.eval("contact_status")
         for finger, X_WC in contacts.items():
             assert status[finger] == ContactStatus.ACTIVE
             assert abs(CUBE.distance(X_WC.translation()[None])[0]) < 1e-9
@@ -241,10 +212,10 @@ def test_another_grasp_is_chosen_only_if_it_is_better_by_the_margin():
     choices = []
     for order in (turns, turns[::-1]):
         hand = Reactive()
-        hand.give(p_WT=hand.tips(order[0]))
+        hand.fix(p_WT=hand.tips(order[0]))
         found = []
         for turn in order:
-            hand.give(p_WT=hand.tips(turn))
+            hand.fix(p_WT=hand.tips(turn))
             found.append(
                 {f: X.translation().round(6).tolist() for f, X in hand.choose()[0].items()}
             )
@@ -258,17 +229,17 @@ def test_another_grasp_is_chosen_only_if_it_is_better_by_the_margin():
 def test_lost_fingers_and_obstructed_grasps_are_not_chosen():
     hand = Reactive()
     hand.choose()
-    hand.give(contact_weights=np.array([0, 0, -np.inf, 0, 0]))
+    hand.fix(contact_weights=np.array([0, 0, -np.inf, 0, 0]))
     contacts, status = hand.choose()
     assert len(contacts) == 3
     assert status[2] == ContactStatus.LOST
     wall = HalfSpace(np.array([0.06, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0]))
-    hand.give(obstacles=AbstractValue.Make(Obstacles((wall,))))
+    hand.fix(obstacles=Obstacles((wall,)))
     contacts, _ = hand.choose()
     normals = np.array([X_WC.rotation().matrix()[:, 2] for X_WC in contacts.values()])
     np.testing.assert_allclose(np.abs(normals[:, 1]), 1, atol=1e-9)
     around = [HalfSpace(0.06 * ray, -ray) for ray in rays_at(np.pi / 2 * np.arange(4))]
-    hand.give(obstacles=AbstractValue.Make(Obstacles(tuple(around))))
+    hand.fix(obstacles=Obstacles(tuple(around)))
     contacts, status = hand.choose()
     assert not contacts
     assert (
