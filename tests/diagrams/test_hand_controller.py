@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 from conftest import slow
-from five_finger_hand import FRAMES, HAND, RING, X_WO, hand_controller
-from pydrake.common.value import AbstractValue
+from driven import Driven
+from five_finger_hand import FRAMES, HAND, RAYS, RING, X_WO, bus, hand_controller
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.inverse_kinematics import DifferentialInverseKinematicsSystem
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.planning import DofMask, RobotDiagramBuilder, SceneGraphCollisionChecker
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import BusValue, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 
 from drake_pregrasp import AddPregraspPlanner, GraspConfig, PlannerConfig
 from drake_pregrasp.diagrams.hand_parsing import add_hand_model
@@ -58,12 +57,9 @@ def test_contacts_on_faces_that_a_finger_may_not_have_are_refused(monkeypatch):
 
 def targets(point=0.0):
     """Contact goals on the object, of which one may be anywhere."""
-    bus = BusValue()
-    for finger, p_OC in enumerate(RING):
-        R = RotationMatrix.MakeFromOneVector(-p_OC, 2)
-        place = p_OC + np.array([point if finger == 0 else 0.0, 0.0, 0.05])
-        bus.Set(FRAMES[finger], AbstractValue.Make(RigidTransform(R, place)))
-    return AbstractValue.Make(bus)
+    p_WC = (X_WO @ RING.T).T
+    p_WC[0, 0] += point
+    return bus(p_WC, RAYS)
 
 
 SOUND = {
@@ -80,8 +76,6 @@ SOUND = {
 @pytest.mark.parametrize("number", [np.nan, slow(np.inf), slow(1e300)])
 def test_joints_get_finite_commands_whatever_comes(number):
     system = hand_controller()
-    simulator = Simulator(system)
-    context = simulator.get_mutable_context()
     state = np.concatenate([system.initial, 0 * system.initial])
     sound = SOUND | {"hand_state": state}
     bad = {
@@ -94,18 +88,16 @@ def test_joints_get_finite_commands_whatever_comes(number):
         },
         "hand_state": np.where(np.arange(len(state)) == 2, number, state),
     }
-    for name, value in sound.items():
-        system.GetInputPort(name).FixValue(context, value)
-    simulator.AdvanceTo(0.1)
-    largest, before = 0.0, system.GetOutputPort("desired_state").Eval(context).copy()
+    driven = Driven(system, **sound)
+    driven.advance(0.1)
+    largest, before = 0.0, driven.array("desired_state")
     for name, value in bad.items():
         for now in (value, sound[name]):
-            system.GetInputPort(name).FixValue(context, now)
-            simulator.AdvanceTo(context.get_time() + 0.06)
-            desired = system.GetOutputPort("desired_state").Eval(context).copy()
-            assert np.all(np.isfinite(desired)), name
-            assert np.all(np.isfinite(system.GetOutputPort("X_WH").Eval(context).GetAsMatrix34()))
-            assert np.all(np.isfinite(system.GetOutputPort("p_GT").Eval(context)))
+            driven.fix(**{name: now})
+            driven.advance(0.06)
+            desired = driven.array("desired_state")
+            for port in ("desired_state", "X_WH", "p_GT"):
+                assert np.all(np.isfinite(driven.array(port))), name
             largest = max(largest, np.max(np.abs(desired - before)[: len(state) // 2]))
             before = desired
     assert largest < 0.5  # Radians or metres in three ticks, of which joints do less than a third.
@@ -124,16 +116,14 @@ def test_fingertips_go_to_the_goals(surface, p_OC):
     export_inputs(builder, "position nominal_posture", ik)
     export_outputs(builder, planner, "p_WC")
     export_outputs(builder, ik, "commanded_velocity")
-    diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
     p_WO = np.array([0.2, 0.1, 0.3])
     q = home = HAND.home(p_WO, 0.0)
-    diagram.GetInputPort("X_WO_measured").FixValue(context, RigidTransform(p_WO))
-    diagram.GetInputPort("nominal_posture").FixValue(context, home)
+    inputs = {"X_WO_measured": RigidTransform(p_WO), "nominal_posture": home}
+    driven = Driven(builder.Build(), **inputs)
     for _ in range(100):
-        diagram.GetInputPort("position").FixValue(context, q)
-        q = q + STEP * diagram.GetOutputPort("commanded_velocity").Eval(context)
-    p_WC = diagram.GetOutputPort("p_WC").Eval(context).reshape(-1, 3)
+        driven.fix(position=q)
+        q = q + STEP * driven.eval("commanded_velocity")
+    p_WC = driven.array("p_WC").reshape(-1, 3)
     np.testing.assert_allclose(HAND.tips_at(q), p_WC, atol=1e-4)
 
 

@@ -4,9 +4,9 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from driven import Driven
 from five_finger_hand import HAND
 from pydrake.multibody.plant import MultibodyPlantConfig
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from drake_pregrasp import Box, Conveyor, GraspConfig, HandStation, box_surface, ring_contacts
@@ -72,12 +72,9 @@ def test_links_that_touch_something_are_measured(touched, place, fingers):
     initial = HAND.home(np.array(place), 0.0)
     initial[4:] = np.ravel(fingers)
     station = make_station(initial, size=0.04 if touched == ("surroundings",) else 0.1)
-    simulator = Simulator(station)
-    context = simulator.get_mutable_context()
-    desired = np.concatenate([initial, np.zeros_like(initial)])
-    station.GetInputPort("desired_state").FixValue(context, desired)
-    simulator.AdvanceTo(0.015)
-    forces = station.GetOutputPort("link_forces").Eval(context)
+    held = Driven(station, desired_state=np.concatenate([initial, np.zeros_like(initial)]))
+    held.advance(0.015)
+    forces = held.eval("link_forces")
     assert {name for name, force in zip(TOUCHED, forces, strict=True) if force > 0} == set(touched)
 
 
