@@ -6,6 +6,7 @@ from five_finger_hand import AROUND, FRAMES, HAND, bus
 from five_finger_hand import RAYS as RING
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
+from selections import regions_of
 
 import drake_pregrasp as dp
 from drake_pregrasp.config.hand_description import Fingertip
@@ -13,7 +14,6 @@ from drake_pregrasp.config.planner_config import MeasuresConfig
 from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.grasping.grasp_state import NOT_HINDERED
 from drake_pregrasp.regions.finger_measures import FingerMeasures
-from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.systems.sources import HandPose
 
 N, NQ, RADIUS = 5, 19, 0.009
@@ -112,12 +112,6 @@ def make_arm(**changes):
         **changes,
     }
     return dp.ArmPosture(**arguments)
-
-
-def regions_of(surface, p_OC, weights=None):
-    """The safe regions of contacts in the object's frame."""
-    weights = np.zeros(len(p_OC)) if weights is None else weights
-    return compute_safe_regions(surface.p_OQ, p_OC, weights, surface.forbidden)
 
 
 def partition(surface, p_OC, inputs=None, X=X_WO, **settings):
