@@ -86,5 +86,4 @@ def is_inside(points: FloatArray, triangles: FloatArray) -> BoolArray:
         for u, v, length in ((a, b, lc), (b, c, la), (c, a, lb)):
             denominator += np.einsum("kfi,kfi->kf", u, v) * length
         total[start : start + step] = 2 * np.sum(np.arctan2(numerator, denominator), axis=1)
-    inside: BoolArray = np.abs(total) > 2 * np.pi
-    return inside
+    return np.abs(total) > 2 * np.pi

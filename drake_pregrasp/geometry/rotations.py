@@ -59,8 +59,7 @@ def rotation_matrix(theta: FloatArray, *, order: int = 0) -> FloatArray:
         order: Order of the series, 0 or 1.
     """
     x, y, z = theta.tolist()
-    R: FloatArray = np.array(rotation_rows(x, y, z, order))
-    return R
+    return np.array(rotation_rows(x, y, z, order))
 
 
 Row = tuple[float, float, float]

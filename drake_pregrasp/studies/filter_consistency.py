@@ -178,5 +178,4 @@ def filter_errors(
 def _accelerated(density: float, rng: np.random.Generator) -> FloatArray:
     """Draws the changes of position and velocity by white-noise acceleration, shape (2, 3)."""
     covariance = density**2 * np.array([[PERIOD**3 / 3, PERIOD**2 / 2], [PERIOD**2 / 2, PERIOD]])
-    added: FloatArray = np.linalg.cholesky(covariance) @ rng.normal(size=(2, 3))
-    return added
+    return np.linalg.cholesky(covariance) @ rng.normal(size=(2, 3))

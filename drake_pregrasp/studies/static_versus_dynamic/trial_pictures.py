@@ -278,5 +278,4 @@ def _rings(
 def _pose(trial: Trial, context: Context, body: str) -> RigidTransform:
     plant = trial.station.plant
     of_body = plant.GetBodyByName(body)
-    X_WB: RigidTransform = of_body.EvalPoseInWorld(plant.GetMyContextFromRoot(context))
-    return X_WB
+    return of_body.EvalPoseInWorld(plant.GetMyContextFromRoot(context))
