@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
 from drake_pregrasp.live.live_page import serve_live_run
-from drake_pregrasp.simulation.output import INTERRUPTED_STATUS
+from drake_pregrasp.simulation.output import INTERRUPTED_STATUS, handling
 from drake_pregrasp.simulation.run import RunResult, run, write_graphviz
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_check import validate
@@ -40,13 +40,8 @@ def stop_on_signals() -> Iterator[Callable[[], bool]]:
         requested = True
         signal.signal(number, signal.SIG_DFL)
 
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(number, request) for number in numbers]
-    try:
+    with handling(request, signal.SIGINT, signal.SIGTERM):
         yield lambda: requested
-    finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)
 
 
 @contextlib.contextmanager

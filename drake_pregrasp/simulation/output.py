@@ -5,8 +5,9 @@ import fcntl
 import os
 import signal
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 from drake_pregrasp.errors import OutputError
 
@@ -15,13 +16,19 @@ INTERRUPTED_STATUS = 130
 
 
 @contextlib.contextmanager
-def interruptible() -> Iterator[None]:
-    """Turns SIGTERM into a `KeyboardInterrupt`, like SIGINT."""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+def handling(handler: Callable[[int, Any], object], *numbers: signal.Signals) -> Iterator[None]:
+    """Handles signals by a function, and by the handlers of before when the context ends.
+
+    Args:
+        handler: Function of the signal's number and the interrupted frame.
+        numbers: Signals.
+    """
+    before = {number: signal.signal(number, handler) for number in numbers}
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, former in before.items():
+            signal.signal(number, former)
 
 
 @contextlib.contextmanager

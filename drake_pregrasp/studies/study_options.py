@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from drake_pregrasp.simulation.output import INTERRUPTED_STATUS, interruptible
+from drake_pregrasp.simulation.output import INTERRUPTED_STATUS, handling
 from drake_pregrasp.studies.runner import FAILED, ROWS, OnProgress, StudyRows
 
 MOST_SEEDS = 10_000
@@ -96,7 +97,8 @@ def make_rows_and_report(
         noun: Singular noun for one run in the messages.
     """
     try:
-        with interruptible(), step_bar(noun) as on_progress:
+        # SIGTERM interrupts, like SIGINT.
+        with handling(signal.default_int_handler, signal.SIGTERM), step_bar(noun) as on_progress:
             found, report = make(on_progress)
     except KeyboardInterrupt:
         problem = f"interrupted: the {noun}s so far are in {folder / ROWS}"

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from drake_pregrasp.errors import InvalidArgumentError, OutputError, first_line, one_line
+from drake_pregrasp.simulation.output import handling
 from drake_pregrasp.studies.package_digest import differences, package_digest
 
 ATTEMPTS = 3
@@ -246,16 +247,12 @@ def _result(future: "Future[Any]") -> Any:
 def _noted_interrupts() -> Generator[threading.Event, None, None]:
     """Sets an event on SIGINT or SIGTERM; an exception could leave a pool or a client locked."""
     came = threading.Event()
-    before = {}
-    if threading.current_thread() is threading.main_thread():  # Other threads cannot set handlers.
-        for number in (signal.SIGINT, signal.SIGTERM):
-            if callable(signal.getsignal(number)):  # Not if the parent ignores them.
-                before[number] = signal.signal(number, lambda number, frame: came.set())
-    try:
+    # Other threads cannot set handlers; and what the parent ignores stays ignored.
+    is_main = threading.current_thread() is threading.main_thread()
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    handled = [n for n in numbers if is_main and callable(signal.getsignal(n))]
+    with handling(lambda number, frame: came.set(), *handled):
         yield came
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @contextlib.contextmanager
