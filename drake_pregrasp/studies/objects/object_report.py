@@ -80,7 +80,7 @@ def share_table(rows: pd.DataFrame) -> Table:
     """Returns counts of held objects with Wilson's intervals, and measures of their grasps."""
     cells = rows.groupby(_CELLS, sort=False)
     held, tried = cells["held"].sum(), cells.size()
-    bounds = (100 * paired_statistics.wilson_interval(held, tried)).round(1)
+    bounds = (100 * paired_statistics.share_interval(held, tried, method="wilson")).round(1)
     lines = zip(held, tried, bounds["low"], bounds["high"], strict=True)
     table = pd.DataFrame(index=held.index)
     table["held"] = [

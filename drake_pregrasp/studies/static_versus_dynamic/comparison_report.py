@@ -129,7 +129,7 @@ def outcome_table(rows: pd.DataFrame) -> Table:
     seeds, table = cells.size(), pd.DataFrame(index=cells.size().index)
     for success in ("clean", "lifted", "links touched"):
         count = cells[success].sum()
-        bounds = (100 * paired_statistics.exact_interval(count, seeds)).round().astype(int)
+        bounds = (100 * paired_statistics.share_interval(count, seeds)).round().astype(int)
         lines = zip(count, seeds, bounds["low"], bounds["high"], strict=True)
         table[success] = [f"{n} of {of} ({low}–{high} %)" for n, of, low, high in lines]
     medians = cells[_MEASURES].median().dropna(axis="columns", how="all")
@@ -182,7 +182,7 @@ def plot_clean_shares(rows: pd.DataFrame) -> Figure:
         for place, key in enumerate(methods):
             cells = own[own["method"] == key].groupby("close_at")["clean"]
             share = 100 * cells.mean()
-            bounds = 100 * paired_statistics.exact_interval(cells.sum(), cells.size())
+            bounds = 100 * paired_statistics.share_interval(cells.sum(), cells.size())
             ends = np.abs([share - bounds["low"], bounds["high"] - share])
             shift = 0.78 * ((place + 0.5) / len(methods) - 0.5)
             at = [times.index(time) + shift for time in share.index]

@@ -15,28 +15,18 @@ CONFIDENCE = 0.95  # Confidence of all intervals.
 SIGNIFICANT = 0.05  # Significance level of corrected p values.
 
 
-def exact_interval(
-    successes: pd.Series, trials: pd.Series, *, confidence: float = CONFIDENCE
+def share_interval(
+    successes: pd.Series, trials: pd.Series, *, confidence: float = CONFIDENCE, method: str = "beta"
 ) -> pd.DataFrame:
-    """Returns exact intervals of shares (Clopper-Pearson), in columns `low` and `high`.
+    """Returns intervals of shares, in columns `low` and `high`.
 
     Args:
         successes: Numbers of successes.
         trials: Numbers of trials, above zero.
-        confidence: Least probability that an interval covers the true share.
+        confidence: Probability that an interval covers the true share; for "beta" the least one.
+        method: Name of statsmodels: "beta" for exact intervals (Clopper-Pearson), or "wilson".
     """
-    low, high = proportion_confint(successes, trials, alpha=1 - confidence, method="beta")
-    return pd.DataFrame({"low": low, "high": high}, index=successes.index)
-
-
-def wilson_interval(successes: pd.Series, trials: pd.Series) -> pd.DataFrame:
-    """Returns Wilson's 95 % intervals of shares, in columns `low` and `high`.
-
-    Args:
-        successes: Numbers of successes.
-        trials: Numbers of trials, above zero.
-    """
-    low, high = proportion_confint(successes, trials, alpha=1 - CONFIDENCE, method="wilson")
+    low, high = proportion_confint(successes, trials, alpha=1 - confidence, method=method)
     return pd.DataFrame({"low": low, "high": high}, index=successes.index)
 
 
@@ -84,8 +74,8 @@ def paired_tests(
     ]
     tests["p_holm"] = multipletests(tests["p"], method="holm")[1] if len(tests) else []
     each = (1 + CONFIDENCE) / 2
-    of_gained = exact_interval(tests["gained"], tests["pairs"], confidence=each)
-    of_lost = exact_interval(tests["lost"], tests["pairs"], confidence=each)
+    of_gained = share_interval(tests["gained"], tests["pairs"], confidence=each)
+    of_lost = share_interval(tests["lost"], tests["pairs"], confidence=each)
     tests["low"] = of_gained["low"] - of_lost["high"]
     tests["high"] = of_gained["high"] - of_lost["low"]
     tests["verdict"] = ""
