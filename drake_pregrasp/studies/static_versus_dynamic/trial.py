@@ -6,11 +6,10 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, System
-from pydrake.systems.primitives import ConstantValueSource, DiscreteTimeDelay
+from pydrake.systems.primitives import DiscreteTimeDelay
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.planner_config import PlannerConfig
@@ -18,7 +17,7 @@ from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_station import TABLE, add_driven_hand
-from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner
+from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
@@ -163,19 +162,17 @@ class Trial:
 
         The planner respects the reach of the fingers and the obstacles at the start.
         """
-        builder = DiagramBuilder()
         config = self._planner_config(methods.METHODS["dynamic_reach"])
-        planner = AddPregraspPlanner(builder, config, self.surface, self._start.p_OC)
+        planner = PregraspPlanner(config, self.surface, self._start.p_OC)
         solids = tuple(moving.solid for moving in [*conditions.area(self.scenario), TABLE])
         p_WCoM = self._X_WO @ self.surface.p_OCoM
         X_WH = reach_frame(p_WCoM, self._start.yaw, self._grasp.yaw_range, self.hand.X_LA)
         values = {"X_WO_measured": self._X_WO, "X_WH": X_WH, "obstacles": Obstacles(solids)}
+        simulator = Simulator(planner)
+        context = simulator.get_mutable_context()
         for name, value in values.items():
-            source = builder.AddSystem(ConstantValueSource(AbstractValue.Make(value)))
-            builder.Connect(source.get_output_port(), planner.GetInputPort(name))
-        simulator = Simulator(builder.Build())
+            planner.GetInputPort(name).FixValue(context, value)
         simulator.AdvanceTo(_START_TICKS * config.period)
-        context = planner.GetMyContextFromRoot(simulator.get_context())
         p_WC = planner.GetOutputPort("p_WC").Eval(context).reshape(-1, 3)
         return np.array((self._X_WO.inverse() @ p_WC.T).T)
 
