@@ -1,7 +1,7 @@
 """Study of look-ahead: errors of goals on fast objects that a delayed hand reaches."""
 
+import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -83,7 +83,7 @@ def study_lookahead(
             delays_of.setdefault(share * delay * PERIOD, []).append(delay)
     jobs = [{"case": case, "lookahead": ahead} for case in cases for ahead in sorted(delays_of)]
     rows = run_jobs(
-        LookaheadErrors(tuple(seeds), delays_of),
+        functools.partial(lookahead_errors, seeds=seeds, delays=delays_of),
         jobs,
         folder=out,
         settings={"seeds": list(seeds), "cases": list(cases), "delays": list(delays)},
@@ -122,7 +122,7 @@ def remaining_shares(rows: pd.DataFrame) -> pd.DataFrame:
     """Returns ratios of the error with look-ahead = delay to the error without look-ahead.
 
     Args:
-        rows: Rows of `LookaheadErrors`, with the columns of their jobs.
+        rows: Rows of `lookahead_errors`, with the columns of their jobs.
 
     Returns:
         The ratios of the `median` and of the 95th percentile `p95`, by case and delay.
@@ -241,22 +241,18 @@ def run_lookahead(scenario: Scenario) -> LookaheadRun:
     return LookaheadRun(records, np.array(covariances))
 
 
-@dataclass(frozen=True)
-class LookaheadErrors:
-    """Computes the rows of a case and a look-ahead, one for each delay of the hand.
+def lookahead_errors(
+    job: dict[str, Any], *, seeds: Sequence[int], delays: dict[float, list[int]]
+) -> list[dict[str, Any]]:
+    """Returns the rows of a case and a look-ahead, one for each delay, in seconds and metres.
 
-    Attributes:
+    Args:
+        job: Name of the `case`, and `lookahead` in seconds.
         seeds: Seeds of the measurement noise, all of which contribute to each row.
         delays: Delays of the hand in ticks, by the look-ahead in seconds.
     """
-
-    seeds: Sequence[int]
-    delays: dict[float, list[int]]
-
-    def __call__(self, job: dict[str, Any]) -> list[dict[str, Any]]:
-        """Returns the rows of a `case` and a `lookahead`, in seconds and metres."""
-        runs = [run_lookahead(lookahead_scenario(**job, seed=seed)) for seed in self.seeds]
-        return [_goal_row(runs, delay) for delay in self.delays[job["lookahead"]]]
+    runs = [run_lookahead(lookahead_scenario(**job, seed=seed)) for seed in seeds]
+    return [_goal_row(runs, delay) for delay in delays[job["lookahead"]]]
 
 
 def _goal_row(runs: Sequence[LookaheadRun], delay: int) -> dict[str, float]:
