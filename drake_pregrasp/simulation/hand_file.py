@@ -10,7 +10,7 @@ import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from drake_pregrasp.config.hand_description import HandDescription
-from drake_pregrasp.config.object_config import zeros
+from drake_pregrasp.config.object_config import POINT, zeros
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_parsing import failures_as_errors, model_path
@@ -18,11 +18,9 @@ from drake_pregrasp.diagrams.model_files import checked_model
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError, first_line
 from drake_pregrasp.resources import MODELS_URL, make_paths_absolute, resolve_path
 from drake_pregrasp.robots.robot_models import ROBOTS_URL
-from drake_pregrasp.simulation.schema_check import check_mapping
-from drake_pregrasp.simulation.yaml_text import load_typed, parse_entries, read_text
+from drake_pregrasp.simulation.schema_check import load_checked
+from drake_pregrasp.simulation.yaml_text import parse_entries, read_text
 from drake_pregrasp.systems.palm_posture import FROM_ABOVE
-
-_VECTOR = {"length": 3, "at_least": -10, "at_most": 10}
 
 
 @dataclass
@@ -30,17 +28,17 @@ class HandConfig:
     """Frame H of the hand, in which the reach of the fingers is given."""
 
     # Position of H in metres: relative to the object's estimated origin if `follow`, else in W.
-    position: list[float] = field(default_factory=zeros, metadata=_VECTOR)
+    position: list[float] = field(default_factory=zeros, metadata=POINT)
 
     # Constant orientation of H in W, as roll, pitch and yaw, in radians.
-    rpy: list[float] = field(default_factory=zeros, metadata=_VECTOR)
+    rpy: list[float] = field(default_factory=zeros, metadata=POINT)
 
     # Whether H follows the object.
     follow: bool = True
 
     # Initial positions of the fingertips in H, one row each, in metres. If given, contacts are
     # assigned to the fingers for the least total distance, so that no two paths cross.
-    fingertips: list[list[float]] = field(default_factory=list, metadata={"elements": _VECTOR})
+    fingertips: list[list[float]] = field(default_factory=list, metadata={"elements": POINT})
 
     def initial_X_WH(self, X_WO: RigidTransform) -> RigidTransform:
         """Returns the pose of H in W when the object is at X_WO."""
@@ -76,10 +74,7 @@ def load_hand(file: str | Path, *, folders: Sequence[str | Path] | None = None) 
 
 @functools.lru_cache(maxsize=8)  # A scenario with a hand reads its description nine times.
 def _described(source: str, text: str) -> HandDescription:
-    data = parse_entries(source, text)
-    check_mapping(source, "", data, HandDescription)
-    description: HandDescription = load_typed(HandDescription, data, HandDescription())
-    return description
+    return load_checked(source, "", parse_entries(source, text), HandDescription())
 
 
 def check_hand_files(hand: str, allowed: Sequence[Path], source: str) -> None:

@@ -12,8 +12,8 @@ from drake_pregrasp.resources import make_paths_absolute, resource_folder
 from drake_pregrasp.simulation.hand_file import check_hand_files
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_check import validate
-from drake_pregrasp.simulation.schema_check import add_tags, check_mapping
-from drake_pregrasp.simulation.yaml_text import load_typed, parse_entries, parse_yaml, read_text
+from drake_pregrasp.simulation.schema_check import add_tags, check_mapping, load_checked
+from drake_pregrasp.simulation.yaml_text import parse_entries, parse_yaml, read_text
 
 SCENARIO_TEXT = "scenario text"
 """Name of the text that overrides a scenario, for error messages."""
@@ -80,16 +80,14 @@ def load_scenario(
     name = name or only_name(file)
     if name not in entries:
         raise ScenarioError(str(file), name, f"no such entry; {nearest(name, entries)}")
-    check_mapping(str(file), name, entries[name], Scenario)
-    scenario: Scenario = load_typed(Scenario, entries[name], Scenario())
+    scenario = load_checked(str(file), name, entries[name], Scenario())
     source, folder = str(file), file.parent
     allowed = [folder, *map(Path, folders)]
     try:
         if text is not None:
             make_paths_absolute(scenario, folder, allowed=allowed, source=source)
             overrides = _checked_entries(SCENARIO_TEXT, parse_entries(SCENARIO_TEXT, text))
-            check_mapping(SCENARIO_TEXT, "", overrides, Scenario)
-            scenario = load_typed(Scenario, overrides, scenario)
+            scenario = load_checked(SCENARIO_TEXT, "", overrides, scenario)
             source, folder = f"{file} with {SCENARIO_TEXT}", Path.cwd()
             allowed.append(folder)
         _check_loaded(scenario, source, folder, allowed)
@@ -139,8 +137,7 @@ def scenario_from_data(
     Raises:
         ScenarioError: If the scenario is invalid; the message names source, key and value.
     """
-    check_mapping(source, "", data, Scenario)
-    scenario: Scenario = load_typed(Scenario, data, Scenario())
+    scenario = load_checked(source, "", data, Scenario())
     _check_loaded(scenario, source, folder, [folder, *map(Path, folders)])
     return scenario
 

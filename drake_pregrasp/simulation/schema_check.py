@@ -14,11 +14,13 @@ import difflib
 import types
 import typing
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 from drake_pregrasp.config.validation import is_scalar, length_problem, scalar_problem
 from drake_pregrasp.errors import ScenarioError, nearest
-from drake_pregrasp.simulation.yaml_text import TAG_KEY
+from drake_pregrasp.simulation.yaml_text import TAG_KEY, load_typed
+
+Config = TypeVar("Config")
 
 # Values outside these rules abort in Drake's own classes, or make a run impossible.
 _DRAKE_RULES: Mapping[str, Mapping[str, Any]] = {
@@ -58,6 +60,20 @@ def check_mapping(source: str, key: str, data: object, schema: Any) -> None:
             hint = nearest(name, fields, "keys are")
             raise ScenarioError(source, path, f"unknown key (value {_short(value)}); {hint}")
         _check_value(source, path, value, *fields[name])
+
+
+def load_checked(source: str, key: str, data: object, defaults: Config) -> Config:
+    """Checks data like `check_mapping`, and returns them as an instance of the defaults' class.
+
+    Args:
+        source: Name of the data's origin, for the message.
+        key: Dotted path of the data in its origin.
+        data: Plain data, as `parse_yaml` returns it.
+        defaults: Instance with the values of missing keys.
+    """
+    check_mapping(source, key, data, type(defaults))
+    config: Config = load_typed(type(defaults), data, defaults)
+    return config
 
 
 def add_tags(data: object, config: object) -> None:

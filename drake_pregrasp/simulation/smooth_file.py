@@ -9,8 +9,8 @@ from drake_pregrasp.config.planner_config import EstimatorConfig, filter_noise
 from drake_pregrasp.estimation.pose_smoother import filter_poses, smooth
 from drake_pregrasp.estimation.recorded_poses import COLUMNS
 from drake_pregrasp.simulation.output import write_text
-from drake_pregrasp.simulation.schema_check import check_mapping
-from drake_pregrasp.simulation.yaml_text import load_typed, parse_entries
+from drake_pregrasp.simulation.schema_check import load_checked
+from drake_pregrasp.simulation.yaml_text import parse_entries
 from drake_pregrasp.wires.pose_files import read_poses
 
 VELOCITY_COLUMNS = ("vx", "vy", "vz", "wx", "wy", "wz")
@@ -32,10 +32,7 @@ def load_estimator(text: str) -> EstimatorConfig:
         ScenarioError: If a key or a value is invalid.
     """
     source = "--estimator"
-    data = parse_entries(source, text)
-    check_mapping(source, "", data, EstimatorConfig)
-    config: EstimatorConfig = load_typed(EstimatorConfig, data, CARRIED)
-    return config
+    return load_checked(source, "", parse_entries(source, text), CARRIED)
 
 
 def smooth_file(source: Path, target: Path, config: EstimatorConfig) -> int:

@@ -28,8 +28,7 @@ from drake_pregrasp.simulation.scenario_file import (
     scenario_data,
     scenario_from_data,
 )
-from drake_pregrasp.simulation.schema_check import check_mapping
-from drake_pregrasp.simulation.yaml_text import load_typed
+from drake_pregrasp.simulation.schema_check import check_mapping, load_checked
 from drake_pregrasp.studies.package_digest import digest_files
 from drake_pregrasp.studies.sweep.field_path import walk, with_fields
 from drake_pregrasp.studies.sweep.measures import DEFAULT_MEASURES, MEASURES
@@ -215,8 +214,7 @@ def named_files(study: Study) -> dict[str, str]:
         # A run with invalid values or files fails with this error.
         with contextlib.suppress(ScenarioError, InvalidArgumentError):
             data = with_fields(study.scenario, changes, study.source)
-            check_mapping(study.source, "", data, Scenario)
-            scenario: Scenario = load_typed(Scenario, data, Scenario())
+            scenario = load_checked(study.source, "", data, Scenario())
             make_paths_absolute(scenario, study.folder, allowed=allowed, source=study.source)
             found.update(map(Path, _paths(scenario)))
             hand = scenario.grasp.hand
