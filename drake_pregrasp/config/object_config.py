@@ -192,9 +192,7 @@ class Toss:
     )
 
     # Initial orientation of O in W, as roll, pitch and yaw, in radians.
-    rpy: list[float] = field(
-        default_factory=zeros, metadata={"length": 3, "at_least": -10, "at_most": 10}
-    )
+    rpy: list[float] = field(default_factory=zeros, metadata=POINT)
 
     # Initial velocity of the centre of mass in W, in m/s.
     velocity: list[float] = field(

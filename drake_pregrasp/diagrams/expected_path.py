@@ -31,14 +31,13 @@ def expected_path(motion: MotionConfig, duration: float, object_config: ObjectCo
     times = np.linspace(0.0, duration, _SAMPLES)
     p_OCoM = object_config.make_shape().p_OCoM
     start = standing_position(object_config) + p_OCoM
-    height = start[2]
     if isinstance(motion, Conveyor):
         profile = VelocityProfile(motion.velocities())
         path = [start + np.array([profile.at(time)[0][0], 0.0, 0.0]) for time in times]
     elif isinstance(motion, Toss):
         position, velocity = np.array(motion.position), np.array(motion.velocity)
         if motion.table:
-            drop = max(0.0, position[2] - height)
+            drop = max(0.0, position[2] - start[2])
             rise = velocity[2] / GRAVITY
             times = times * min(1.0, (rise + np.sqrt(rise**2 + 2 * drop / GRAVITY)) / duration)
         fall = np.array([0.0, 0.0, -GRAVITY])

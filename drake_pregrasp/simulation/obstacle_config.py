@@ -3,15 +3,13 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from pydrake.math import RollPitchYaw
 
-from drake_pregrasp.config.object_config import zeros
-from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace, Solid
+from drake_pregrasp.config.object_config import POINT, BoxFields, zeros
+from drake_pregrasp.geometry.solids import BallSolid, HalfSpace, Solid
 from drake_pregrasp.systems.sources import MovingSolid
 
 _POINT = {"length": 3, "at_least": -100, "at_most": 100}
 _SIZE = {"length": 3, "above": 0, "at_most": 100}
-_VECTOR = {"length": 3, "at_least": -10, "at_most": 10}
 
 
 @dataclass(kw_only=True)
@@ -32,7 +30,7 @@ class BallObstacle(_Obstacle):
     center: list[float] = field(default_factory=zeros, metadata=_POINT)
 
     # Velocity of the ball in W, in m/s.
-    velocity: list[float] = field(default_factory=zeros, metadata=_VECTOR)
+    velocity: list[float] = field(default_factory=zeros, metadata=POINT)
 
     def make_solid(self) -> Solid:
         """Returns the ball at the start, in W."""
@@ -40,7 +38,7 @@ class BallObstacle(_Obstacle):
 
 
 @dataclass
-class BoxObstacle(_Obstacle):
+class BoxObstacle(BoxFields, _Obstacle):
     """A box with constant velocity and orientation."""
 
     # Edge lengths of the box, in metres.
@@ -50,15 +48,10 @@ class BoxObstacle(_Obstacle):
     center: list[float] = field(default_factory=zeros, metadata=_POINT)
 
     # Orientation of the box in W, as roll, pitch and yaw, in radians.
-    rpy: list[float] = field(default_factory=zeros, metadata=_VECTOR)
+    rpy: list[float] = field(default_factory=zeros, metadata=POINT)
 
     # Velocity of the box in W, in m/s.
-    velocity: list[float] = field(default_factory=zeros, metadata=_VECTOR)
-
-    def make_solid(self) -> Solid:
-        """Returns the box at the start, in W."""
-        R_WB = RollPitchYaw(self.rpy).ToRotationMatrix().matrix()
-        return BoxSolid(np.array(self.center), R_WB, np.array(self.size))
+    velocity: list[float] = field(default_factory=zeros, metadata=POINT)
 
 
 @dataclass
@@ -72,7 +65,7 @@ class PlaneObstacle(_Obstacle):
     normal: list[float] = field(default_factory=zeros, metadata={"required": True, **_POINT})
 
     # Velocity of the plane in W, in m/s.
-    velocity: list[float] = field(default_factory=zeros, metadata=_VECTOR)
+    velocity: list[float] = field(default_factory=zeros, metadata=POINT)
 
     def make_solid(self) -> Solid:
         """Returns the half-space at the start, in W."""
