@@ -91,12 +91,6 @@ class LiveRun:
         """Achieved real-time rate since the last pause or change."""
         return float(self._simulator.get_actual_realtime_rate())
 
-    @property
-    def lost(self) -> set[int]:
-        """Indices of the fingers that are lost now."""
-        events = (event for event in self.scenario.damage if event.holds_at(self.time))
-        return {contact for event in events for contact in event.contacts}
-
     def advance(self) -> None:
         """Simulates until the next planning tick."""
         period = self.scenario.planner.period
@@ -153,7 +147,7 @@ class LiveRun:
     def switch_finger(self, contact: int) -> None:
         """Takes a finger away, or gives it back."""
         damage = copy.deepcopy(self.scenario.damage)
-        if contact in self.lost:
+        if contact not in self.scenario.remaining_contacts(self.time):
             for event in damage:
                 event.contacts = [k for k in event.contacts if k != contact]
             damage = [event for event in damage if event.contacts]

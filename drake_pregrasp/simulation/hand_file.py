@@ -77,22 +77,6 @@ def _described(source: str, text: str) -> HandDescription:
     return load_checked(source, "", parse_entries(source, text), HandDescription())
 
 
-def check_hand_files(hand: str, allowed: Sequence[Path], source: str) -> None:
-    """Raises a `ScenarioError` unless a hand's model and the files that it names may be read.
-
-    Args:
-        hand: File of the hand's description; empty for no hand.
-        allowed: Folders that may hold the files, at any depth, besides the description's folder.
-        source: Name of the scenario's origin, for the message.
-    """
-    if not hand:
-        return
-    try:
-        load_hand(hand, folders=allowed)
-    except ScenarioError as error:
-        raise ScenarioError(source, "grasp.hand", str(error)) from error
-
-
 def load_hand_model(
     file: str | Path,
     yaw_range: tuple[float, float] = FREE_TURN,

@@ -9,7 +9,7 @@ from pydrake.common.yaml import yaml_dump_typed
 
 from drake_pregrasp.errors import ScenarioError, nearest, printable
 from drake_pregrasp.resources import make_paths_absolute, resource_folder
-from drake_pregrasp.simulation.hand_file import check_hand_files
+from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_check import validate
 from drake_pregrasp.simulation.schema_check import add_tags, check_mapping, load_checked
@@ -144,7 +144,11 @@ def scenario_from_data(
 
 def _check_loaded(scenario: Scenario, source: str, folder: Path, allowed: list[Path]) -> None:
     make_paths_absolute(scenario, folder, allowed=allowed, source=source)
-    check_hand_files(scenario.grasp.hand, allowed, source)
+    if scenario.grasp.has_hand:
+        try:
+            load_hand(scenario.grasp.hand, folders=allowed)
+        except ScenarioError as error:
+            raise ScenarioError(source, "grasp.hand", str(error)) from error
     validate(scenario, source)
 
 
