@@ -6,14 +6,13 @@ Only files of the package are read; none of its code is imported.
 import functools
 import importlib.util
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 import trimesh
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.meshes import read_pieces
-from drake_pregrasp.geometry.shapes import Shape, mesh_shape
+from drake_pregrasp.geometry.shapes import Shape, mesh_shape, scaled_whole
 
 OBJECTS_URL = "objects://random/"
 """Prefix of the objects' names, `000.obj` to `999.obj`."""
@@ -57,11 +56,7 @@ def random_object(url: str, scale: float = 1.0) -> Shape:
         last = object_url(NUM_OBJECTS - 1)
         raise InvalidArgumentError(f"there is no {url}; there are {object_url(0)} to {last}")
     pieces = read_pieces(check_installed() / index / name)
-    with np.errstate(invalid="ignore"):
-        whole = cast(trimesh.Trimesh, trimesh.util.concatenate([piece.mesh for piece in pieces]))
-        mesh = trimesh.Trimesh(scale * _SCALE * whole.vertices, whole.faces, process=False)
-    if not np.all(np.isfinite(mesh.vertices)):
-        raise InvalidArgumentError(f"{url} has a vertex that is not finite")
+    mesh = scaled_whole(pieces, scale * _SCALE, url)
     mesh.merge_vertices()
     body = mesh_shape(_united(mesh, url), url).mesh
     body.apply_transform(_lying(body))

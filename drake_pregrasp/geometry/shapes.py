@@ -13,7 +13,7 @@ from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.closed_surfaces import orient_components
 from drake_pregrasp.geometry.mesh_solid import MeshSolid
-from drake_pregrasp.geometry.meshes import read_pieces
+from drake_pregrasp.geometry.meshes import Piece, read_pieces
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, SignedDistance, Solid
 
 FACET_ERROR = 5e-5
@@ -156,16 +156,30 @@ def load_shape(path: Path, *, scale: float = 1.0) -> Shape:
     face_parts = np.concatenate(
         [np.full(len(piece.mesh.faces), part_names.index(piece.name)) for piece in pieces]
     )
-    whole = cast(trimesh.Trimesh, trimesh.util.concatenate([piece.mesh for piece in pieces]))
-    with np.errstate(over="ignore"):
-        vertices = scale * whole.vertices
-    if not np.all(np.isfinite(vertices)):
-        raise InvalidArgumentError(f"{path} has a vertex that is not finite")
-    _check_size(vertices, str(path))
+    mesh = scaled_whole(pieces, scale, str(path))
+    _check_size(mesh.vertices, str(path))
     # Pieces of a closed surface share their seams only after equal vertices are merged.
-    mesh = trimesh.Trimesh(vertices, whole.faces, process=False)
     mesh.merge_vertices()
     return Shape(_checked(mesh, str(path)), part_names, face_parts)
+
+
+def scaled_whole(pieces: Sequence[Piece], scale: float, what: str) -> trimesh.Trimesh:
+    """Returns pieces as one mesh, with all their vertices.
+
+    Args:
+        pieces: Pieces of a file, at least one.
+        scale: Length of the file's unit, in metres.
+        what: Name of the mesh in errors.
+
+    Raises:
+        InvalidArgumentError: If a vertex is not finite.
+    """
+    whole = cast(trimesh.Trimesh, trimesh.util.concatenate([piece.mesh for piece in pieces]))
+    with np.errstate(over="ignore", invalid="ignore"):
+        vertices = scale * whole.vertices
+    if not np.all(np.isfinite(vertices)):
+        raise InvalidArgumentError(f"{what} has a vertex that is not finite")
+    return trimesh.Trimesh(vertices, whole.faces, process=False)
 
 
 def mesh_shape(mesh: trimesh.Trimesh, what: str) -> Shape:
