@@ -125,13 +125,13 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
     tips, goals, forces = (log.read_points(kind) for kind in ("tip", "goal", "force"))
     object_poses, table_poses = log.read_pose("wo"), log.read_pose("wd")
     lead = scenario.grasp.period + scenario.plant_settings.time_step
-    carried = _seen_from(log.read_pose("wg"), tips)
+    carried = seen_from(log.read_pose("wg"), tips)
     errors = 1e3 * np.linalg.norm(carried - _shifted(time, goals, lead), axis=2)
     tracking = (phase <= GraspPhase.TRACK) & (time > SETTLED)
     is_carried = isinstance(scenario.motion, Conveyor)
     early = (phase <= GraspPhase.CLOSE) & (time > SETTLED) & is_carried
-    on_table = 1e3 * _seen_from(table_poses, object_poses[:, None, :3])
-    on_object = 1e3 * _seen_from(object_poses, tips)
+    on_table = 1e3 * seen_from(table_poses, object_poses[:, None, :3])
+    on_object = 1e3 * seen_from(object_poses, tips)
     lifting = np.flatnonzero(phase == GraspPhase.LIFT)
     lifted = (
         object_poses[lifting[0] if len(lifting) else len(time) :, :3] @ scenario.grasp.lift_axis
@@ -164,7 +164,7 @@ def _shifted(time: FloatArray, points: FloatArray, lead: float) -> FloatArray:
     return np.stack([np.interp(time, time + lead, c) for c in columns], -1).reshape(points.shape)
 
 
-def _seen_from(poses: FloatArray, p_WP: FloatArray) -> FloatArray:
+def seen_from(poses: FloatArray, p_WP: FloatArray) -> FloatArray:
     """Transforms points in W, shape (ticks, k, 3), to the frames of poses, shape (ticks, 7)."""
     R = Rotation.from_quat(poses[:, [4, 5, 6, 3]]).as_matrix()
     return np.asarray(np.einsum("tji,tkj->tki", R, p_WP - poses[:, None, :3]))

@@ -7,14 +7,13 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.simulation.run import LoggedRun
-from drake_pregrasp.simulation.run_log import adapting_phase
+from drake_pregrasp.simulation.run_log import adapting_phase, pose_columns
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import read_mapping, scenario_from_data
-from drake_pregrasp.simulation.summary import force_closure_summary, summarize_grasp
+from drake_pregrasp.simulation.summary import force_closure_summary, seen_from, summarize_grasp
 from drake_pregrasp.studies.sweep.field_path import with_fields
 from drake_pregrasp.studies.sweep.sweep_plan import SEED_FIELD, SweepPlan
 
@@ -130,11 +129,10 @@ def _motion_on_object(columns: Mapping[str, FloatArray], active: BoolArray) -> F
     Positions are in the estimated object frame; contacts that are inactive at either
     tick do not count. Shape (ticks,), 0 at the first tick.
     """
-    p_WC = np.stack([[columns[f"c{i}_{a}"] for a in "xyz"] for i in range(active.shape[1])])
-    p_WO = np.stack([columns[f"{a}_wo_estimated"] for a in "xyz"])
-    quaternions = np.stack([columns[f"q{c}_wo_estimated"] for c in "xyzw"], axis=1)
-    R_WO = Rotation.from_quat(quaternions).as_matrix()
-    p_OC = np.einsum("tji,kjt->tki", R_WO, p_WC - p_WO)
+    names = [f"c{i}_{axis}" for i in range(active.shape[1]) for axis in "xyz"]
+    p_WC = np.stack([columns[name] for name in names], axis=1).reshape(len(active), -1, 3)
+    poses = np.stack([columns[name] for name in pose_columns("wo_estimated")], axis=1)
+    p_OC = seen_from(poses, p_WC)
     steps = np.linalg.norm(np.diff(p_OC, axis=0), axis=2)
     both = active[1:] & active[:-1]
     return np.concatenate([[0.0], np.where(both, steps, 0.0).sum(axis=1)])
