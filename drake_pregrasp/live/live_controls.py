@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from pydrake.geometry import Meshcat
 
-from drake_pregrasp.config.object_config import Conveyor
+from drake_pregrasp.config.object_config import Conveyor, PoseStream
 from drake_pregrasp.errors import OutputError
 from drake_pregrasp.live.live_run import LiveRun
 from drake_pregrasp.simulation.scenario import Scenario
@@ -119,7 +119,7 @@ class LiveControls:
         for contact in range(scenario.num_contacts):
             label = f"finger {contact}: lose / give back"
             self._buttons[label] = partial(run.switch_finger, contact)
-        if run.can_nudge:
+        if not isinstance(scenario.motion, PoseStream):  # Which moves the object itself.
             self._buttons["object: nudge"] = run.nudge
         if scenario.grasp.has_hand:
             self._buttons["hand: close"] = run.close

@@ -13,7 +13,7 @@ from pydrake.systems.framework import Diagram, System
 
 from drake_pregrasp.arrays import tick_index
 from drake_pregrasp.config.finger_config import DamageEvent
-from drake_pregrasp.config.object_config import Conveyor, PoseStream
+from drake_pregrasp.config.object_config import Conveyor
 from drake_pregrasp.contacts.strategies import STRATEGIES
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.fault_settings import FOREVER
@@ -166,11 +166,6 @@ class LiveRun:
     def close(self) -> None:
         """Lets the hand close now."""
         self.change(lambda scenario: setattr(scenario.grasp, "close_at", self.time))
-
-    @property
-    def can_nudge(self) -> bool:
-        """Whether the object is simulated, and not replayed."""
-        return not isinstance(self.scenario.motion, PoseStream)
 
     def nudge(self) -> None:
         """Pushes the object in a random horizontal direction."""
