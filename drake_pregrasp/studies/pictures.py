@@ -204,19 +204,16 @@ def render_goals(
     scene = SceneGraph()
     scene.AddRenderer(RENDERER, lit_renderer(_LIGHTS))
     source = scene.RegisterSource("goals")
-
-    def add(X_OG: RigidTransform, shape: Shape, color: Rgba, name: str) -> None:
-        scene.RegisterAnchoredGeometry(source, coloured(X_OG, shape, color, name))
-
-    add(RigidTransform(), drawn_mesh(surface.mesh.triangles), _OBJECT_COLOR, "object")
-    for instance in goal_geometry(surface, labels, p_OC, contacts):
-        scene.RegisterAnchoredGeometry(source, instance)
+    whole = drawn_mesh(surface.mesh.triangles)
+    drawn = [coloured(RigidTransform(), whole, _OBJECT_COLOR, "object")]
+    drawn += goal_geometry(surface, labels, p_OC, contacts)
     for index, (solid, color) in enumerate(
         [(body, Rgba(*BODY_COLOR)) for body in bodies] + [(v, VOLUME_COLOR) for v in volumes]
     ):
         shape, X_OS = drawn_solid(solid)
-        add(X_OS, shape, color, f"obstacle_{index}")
-
+        drawn.append(coloured(X_OS, shape, color, f"obstacle_{index}"))
+    for instance in drawn:
+        scene.RegisterAnchoredGeometry(source, instance)
     query = scene.get_query_output_port().Eval(scene.CreateDefaultContext())
     distance = 2.9 * float(np.linalg.norm(surface.mesh.extents)) / 1.4
     p_TK_O = distance * np.array([0.85 * np.cos(yaw), 0.85 * np.sin(yaw), 0.53])
