@@ -20,10 +20,10 @@ SKIPPED = {
     tokenize.ENDMARKER,
 }
 LINES = {  # At most this many lines of code below each folder.
-    "drake_pregrasp": 21_117,
+    "drake_pregrasp": 21_126,
     "drake_pregrasp/studies": 4_935,
-    "drake_pregrasp/fast": 1_387,
-    "tests": 16_806,
+    "drake_pregrasp/fast": 1_426,
+    "tests": 16_798,
 }
 FILES = {"drake_pregrasp": 199}
 LONGEST_FILE = 400  # Lines, all counted.

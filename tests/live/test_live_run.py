@@ -46,7 +46,7 @@ def test_a_new_start_has_the_changed_settings_another_seed_and_all_fingers():
     run.advance()
     run.reset()
     scenario = run.scenario
-    assert (run.time, scenario.random_seed, run.lost) == (0.0, 1, set())
+    assert (run.time, scenario.random_seed, scenario.damage) == (0.0, 1, [])
     assert scenario.planner.strategy == "msv"
     assert scenario.motion.velocities()[-1][1] == 0.03
     run.switch_sight()
