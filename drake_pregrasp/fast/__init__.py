@@ -11,7 +11,7 @@ these return the reference, or None for it.
 | `projection` | `geometry.surface.ObjectSurface.project` and `project_into` |
 | `goals`, `closed_forms`, `spectra`, `margins` | `contacts.centroids.region_goals`, `best_points` |
 | `margins` | `regions.independent_regions.slip_radii_within` |
-| `margins` | `quality.force_closure.largest_minimum` |
+| `compiling` | `quality.force_closure.largest_minimum`, whose own source is compiled |
 | `pose_steps` | `estimation.pose_track.FilterStep` |
 
 **One description.** A region is an intersection: the weighted Voronoi cell of its contact,
@@ -61,7 +61,7 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.selection_input import GoalFunction
 from drake_pregrasp.estimation.pose_track import FilterStep
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.quality.force_closure import LargestMinimum
+from drake_pregrasp.quality.force_closure import LargestMinimum, largest_minimum
 from drake_pregrasp.regions.constraints import LimitFunction, Predicates
 from drake_pregrasp.regions.independent_regions import SlipRadii, slip_radii_within
 from drake_pregrasp.regions.safe_regions import LabelCandidates
@@ -127,8 +127,8 @@ def fast_slip_radii() -> SlipRadii:
 
 def fast_largest_minimum() -> LargestMinimum | None:
     """Returns `largest_minimum` compiled, or None without numba."""
-    solve: LargestMinimum | None = _compiled("margins", "compiled_largest_minimum")
-    return solve
+    compiled = _compiled("compiling", "compiled")
+    return compiled("f8(f8[:,::1])")(largest_minimum) if compiled else None
 
 
 def fast_filter_step() -> FilterStep | None:

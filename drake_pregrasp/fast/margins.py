@@ -18,7 +18,6 @@ from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.force_closure import (
     CONE_EDGES,
     GRAM_RANK_TOLERANCE,
-    largest_minimum,
     longest_arm,
 )
 from drake_pregrasp.regions.independent_regions import LEAST_MARGIN, slip_radii
@@ -194,9 +193,6 @@ def compiled_slip_radii(
     radii, is_open = np.full(n, float(radius)), order[bounds <= LEAST_MARGIN]
     np.minimum.at(radii, moved[is_open], slips[is_open])
     return radii
-
-
-compiled_largest_minimum = compiled("f8(f8[:,::1])")(largest_minimum)
 
 
 class MarginWeights:

@@ -119,7 +119,7 @@ class LiveControls:
         for contact in range(scenario.num_contacts):
             label = f"finger {contact}: lose / give back"
             self._buttons[label] = partial(run.switch_finger, contact)
-        if not isinstance(scenario.motion, PoseStream):  # Which moves the object itself.
+        if not isinstance(scenario.motion, PoseStream):  # A replayed object goes on its way.
             self._buttons["object: nudge"] = run.nudge
         if scenario.grasp.has_hand:
             self._buttons["hand: close"] = run.close
