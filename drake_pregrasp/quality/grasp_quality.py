@@ -22,6 +22,9 @@ NEED_NORMALS = ("soft_finger", "frictionless")
 
 _WRENCH_SIZE = 6
 _RANK_TOLERANCE = 1e-9
+_I = np.eye(3)
+_TINY = np.finfo(float).tiny
+_SIMILAR = 1e-2  # Ratio of singular values above which their squares tell them to 12 digits.
 
 
 def grasp_matrix(
@@ -75,7 +78,7 @@ def contact_blocks(p_CoMC: FloatArray, nhat: FloatArray | None, model: str) -> F
     if nhat is None and model in NEED_NORMALS:
         raise InvalidArgumentError(f"the contact model {model} needs the normals nhat")
     if nhat is None or model == "complete":
-        axes, torques = np.eye(3), skew(p_CoMC)
+        axes, torques = _I, skew(p_CoMC)
     else:
         axes = contact_axes(nhat)
         if model == "frictionless":
@@ -174,28 +177,36 @@ def grasp_quality(
     Raises:
         InvalidArgumentError: As for `grasp_matrix`.
     """
-    sigma = np.zeros(_WRENCH_SIZE)
     G = grasp_matrix(p_CoMC, nhat, model, length=length)
     if len(p_CoMC) == 0:
         return GraspQuality(0.0, 0.0, 0.0, graspable=0.0, indeterminate=1.0)
-    # Fewer than six columns leave singular values of zero.
-    found = np.linalg.svd(G, compute_uv=False)
-    sigma[: len(found)] = found
-    # The first columns of each contact, at most three, are forces; a hard finger has no others.
-    blocks = G.reshape(_WRENCH_SIZE, len(p_CoMC), -1)
-    blocks = (blocks[:, :, :3] if model == "complete" else blocks).copy()
-    # Their torques are divided by the longest lever arm, so that ranks do not depend on units.
-    longest = max(float(norms(p_CoMC).max()), np.finfo(float).tiny)
-    blocks[3:, :, :3] *= length / longest
-    H = blocks.reshape(_WRENCH_SIZE, -1)
-    rank = np.count_nonzero(np.linalg.svd(H, compute_uv=False) > _RANK_TOLERANCE)
+    H = G
+    if model == "complete":  # A hard finger has the forces only.
+        H = G.reshape(_WRENCH_SIZE, len(p_CoMC), -1)[:, :, :3].reshape(_WRENCH_SIZE, -1)
+    # Torques are divided by the longest lever arm, so that ranks do not depend on units.
+    scale = length / max(float(norms(p_CoMC).max()), _TINY)
+    H = H * [[1.0], [1.0], [1.0], [scale], [scale], [scale]]
+    sigma, sigma_of_H = _singular_values(G, H)
+    rank = np.count_nonzero(sigma_of_H > _RANK_TOLERANCE)
     return GraspQuality(
         q_msv=float(sigma[-1]),
         q_gii=float(sigma[-1] / sigma[0]),
-        q_vew=float(np.prod(sigma)),
+        q_vew=float(np.multiply.reduce(sigma)),
         graspable=float(rank < H.shape[1]),  # Eq. 9: N(G) is not {0}.
         indeterminate=float(rank < _WRENCH_SIZE),  # Eq. 8: N(Gᵀ) is not {0}.
     )
+
+
+def _singular_values(*matrices: FloatArray) -> list[FloatArray]:
+    """Returns the singular values of matrices with six rows, largest first, shape (6,) each."""
+    squares = np.linalg.eigvalsh(np.array([M @ M.T for M in matrices]))
+    found = [np.sqrt(np.maximum(square[::-1], 0.0)) for square in squares]
+    for sigma, M in zip(found, matrices, strict=True):
+        if not sigma[-1] > _SIMILAR * sigma[0]:  # Rounding of a square would show in its root.
+            exact = np.linalg.svd(M, compute_uv=False)
+            sigma[:] = 0.0  # Fewer than six columns leave singular values of zero.
+            sigma[: len(exact)] = exact
+    return found
 
 
 def posture_measures(J: FloatArray) -> FloatArray:
