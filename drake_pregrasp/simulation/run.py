@@ -190,9 +190,9 @@ class LoggedRun:
 
         def add_tick(record: TickRecord) -> None:
             # A reference to the diagram from here would be a cycle that keeps it alive.
-            row = log.append(record)
+            parts = log.append(record)
             if mcap_log is not None:
-                named = dict(zip(log.columns, row.tolist(), strict=True))
+                named = dict(zip(log.columns, log.table([parts])[0].tolist(), strict=True))
                 mcap_log.append(named, record.regions.labels)
             if meshcat is not None:
                 story.add_tick(record)
