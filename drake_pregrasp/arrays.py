@@ -178,11 +178,12 @@ def validated_covariance(covariance_W: FloatArray, R_WO: FloatArray, spread: flo
         R_WO: Rotation of O in W, shape (3, 3).
         spread: Standard deviation to add, in metres.
     """
-    largest = np.abs(covariance_W).max()
-    if not math.isfinite(largest):
-        covariance_W = np.zeros((3, 3))
-    elif largest > LARGEST_VARIANCE:
-        covariance_W = covariance_W / largest * LARGEST_VARIANCE
+    if not np.vdot(covariance_W, covariance_W) <= LARGEST_VARIANCE**2:  # Mostly it is small.
+        largest = np.abs(covariance_W).max()
+        if not math.isfinite(largest):
+            covariance_W = np.zeros((3, 3))
+        elif largest > LARGEST_VARIANCE:
+            covariance_W = covariance_W / largest * LARGEST_VARIANCE
     added = spread**2 * _I
     covariance_O: FloatArray = R_WO.T @ covariance_W @ R_WO + added
     (a, b, c), (d, e, f), (g, h, i) = covariance_O.tolist()

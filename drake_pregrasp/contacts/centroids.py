@@ -134,7 +134,7 @@ def select_contacts(
     regions = selection.regions
     if choose is None:
         choose = partial(best_points if best_point else region_goals, strategy=strategy)
-    active = np.flatnonzero(selection.active)
+    active = selection.active.nonzero()[0]
     goals = selection.p_OC.copy()
     for movers in active[:, None] if in_turns else active[None]:
         if len(movers) == 0:

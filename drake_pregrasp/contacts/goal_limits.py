@@ -337,8 +337,8 @@ def judged_goals(
     regions = selection.regions
     constraints, limits, causes = regions.constraints, regions.limits.copy(), regions.causes.copy()
     active = selection.active.copy()
-    unknown = np.flatnonzero(~on_surface)
-    if len(unknown):
+    if not on_surface.all():
+        unknown = np.flatnonzero(~on_surface)
         nearest, _ = selection.project(goals[unknown])
         off = unknown[np.linalg.norm(nearest - goals[unknown], axis=1) > CONTACT_TOLERANCE]
         limits[off], causes[off], active[off] = Limit.FORBIDDEN, NO_CAUSE, False

@@ -9,7 +9,7 @@ import os
 import time
 from array import array
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -87,7 +87,7 @@ class CsvLog:
 
     def table(self, rows: Sequence[tuple[Any, ...]]) -> FloatArray:
         """Returns the numbers of rows, each given by its parts, shape (rows, columns)."""
-        return np.array([_numbers(parts) for parts in rows])
+        return _side_by_side(zip(*rows, strict=True))
 
     def read(self, *names: str) -> list[FloatArray]:
         """Returns columns of the closed file.
@@ -156,12 +156,10 @@ class RunLog(CsvLog):
         squares[~(active & is_active(status_before))] = 0.0
         energy = squares.sum(axis=1) / np.where(dt > 0, 2 * dt**2, np.inf)
         displacement = np.sqrt(squares).sum(axis=1)
-        poses, estimates = ([pose_values(X) for X in column] for column in (X_WO, X_WO_estimated))
         yaw = [RollPitchYaw(X.rotation()).yaw_angle() for X in X_WO]
         error = norms(np.subtract(p_WO, [X.translation() for X in X_WO]))
-        columns = [time, p_WC, active, quality, displacement, energy, sizes]
-        columns += [poses, yaw, estimates, error, status, *others]
-        return np.hstack([np.reshape(column, (len(rows), -1)) for column in columns])
+        columns: list[Any] = [time, p_WC, active, quality, displacement, energy, sizes]
+        return _side_by_side([*columns, X_WO, yaw, X_WO_estimated, error, status, *others])
 
     def _estimate_for(self, record: TickRecord) -> FloatArray:
         """Returns the position of O in W that was estimated for the time of a tick.
@@ -210,9 +208,10 @@ def pose_values(X: RigidTransform) -> FloatArray:
     return np.concatenate([X.translation(), X.rotation().ToQuaternion().wxyz()])
 
 
-def _numbers(parts: Sequence[Any]) -> FloatArray:
-    plain = [pose_values(part) if type(part) is RigidTransform else part for part in parts]
-    return np.concatenate(plain, axis=None)
+def _side_by_side(columns: Iterable[Sequence[Any]]) -> FloatArray:
+    """Returns a table of columns, each with a number, an array or a pose for each row."""
+    plain = ([pose_values(X) for X in c] if type(c[0]) is RigidTransform else c for c in columns)
+    return np.hstack([np.reshape(column, (len(column), -1)) for column in plain])
 
 
 class GraspLog(CsvLog):

@@ -221,7 +221,7 @@ class CentroidSelector(LeafSystem):
                 f"port safe_regions of {self.get_name()} accepts regions of {n} contacts"
                 f" over {N} candidates, not of {given[0]} over {given[1]}"
             )
-        R_WO: FloatArray = self._X_WO_estimated.Eval(context).rotation().matrix()
+        R_WO, _ = self._pose.split(context)
         covariance_W: FloatArray = self._p_WO_covariance.Eval(context).reshape(3, 3)
         selection = SelectionInput(
             surface=self._surface,
@@ -259,13 +259,15 @@ class CentroidSelector(LeafSystem):
         self._pose.store(context, discrete_state)
 
     def _calc_p_WC(self, context: Context) -> FloatArray:
-        p_OC: FloatArray = self._goals.Eval(context).p_OC
-        p_WC: FloatArray = (self._pose.eval(context) @ p_OC.T).T
-        return p_WC
+        return self._moved(context, self._goals.Eval(context).p_OC)
 
     def _calc_p_WC_previous(self, context: Context) -> FloatArray:
-        p_OC = context.get_discrete_state(self._p_OC_index).value().reshape(-1, 3)
-        p_WC: FloatArray = (self._pose.eval(context) @ p_OC.T).T
+        p_OC = context.get_discrete_state(self._p_OC_index).value()
+        return self._moved(context, p_OC.reshape(-1, 3))
+
+    def _moved(self, context: Context, p_OC: FloatArray) -> FloatArray:
+        R_WO, p_WO = self._pose.split(context)
+        p_WC: FloatArray = p_OC @ R_WO.T + p_WO
         return p_WC
 
     def _calc_fingertip_targets(self, context: Context) -> BusValue:

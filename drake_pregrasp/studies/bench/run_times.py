@@ -63,6 +63,8 @@ class _TickTimer(LeafSystem):
     def __init__(self, simulation: Diagram, period: float) -> None:
         super().__init__()
         self._planner = simulation.GetSubsystemByName("pregrasp_planner")
+        self._p_WC = self._planner.GetOutputPort("p_WC")
+        self._hold = self._planner.GetInputPort("hold_contacts")
         self.seconds: list[float] = []
         self.root_context: Context | None = None
         self.DeclarePeriodicPublishEvent(period, 0.0, self._time)
@@ -70,9 +72,9 @@ class _TickTimer(LeafSystem):
     def _time(self, context: Context) -> EventStatus:
         own = self._planner.GetMyContextFromRoot(self.root_context)
         start = time.thread_time()
-        self._planner.GetOutputPort("p_WC").Eval(own)
-        seconds, hold = time.thread_time() - start, self._planner.GetInputPort("hold_contacts")
-        is_held = hold.HasValue(own) and hold.Eval(own)[0] > 0
+        self._p_WC.Eval(own)
+        seconds = time.thread_time() - start
+        is_held = self._hold.HasValue(own) and self._hold.Eval(own)[0] > 0
         self.seconds.append(np.nan if is_held else seconds)
         return EventStatus.Succeeded()
 
