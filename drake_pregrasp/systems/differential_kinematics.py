@@ -25,7 +25,6 @@ _DAMPING = 1e-3  # Singular value of a Jacobian, in metres, below which its dire
 _LIMIT_RATE = 10.0  # Largest ratio of a joint's speed to its distance from a limit, in 1/s.
 _USED = 0.75  # Share of the limit of acceleration that is commanded: drives and clearances add.
 _GUESSES = 5  # Guesses of the active set before the solver is asked.
-_EITHER_WAY = np.array([[1.0], [-1.0]])  # Signs of a joint's motion up and down.
 _IN_W = np.eye(3), np.zeros(3)  # Rotation and position of W in itself.
 _TOLERANCE = 1e-9  # Violation of a constraint that is rounding, in m/s or rad/s.
 
@@ -160,16 +159,18 @@ class DifferentialKinematics(LeafSystem):
         self._gain, self._period, self._each = posture_gain, period, np.eye(nq)
         self._pace = Pace(FASTEST_APPROACH, _USED * acceleration, period)
         self._change = hand.acceleration_limit * period
-        self._ends = np.stack([hand.upper, -hand.lower])
-        self._names, self._is_goal = list(masks), np.array(list(masks.values())) > 0
-        self._frames = [scoped_frame(hand.plant, name) for name in masks]
-        moves = [[moving_joints(hand.plant, frame)] for frame in self._frames]
-        self._moves = np.array(moves, dtype=float)
-        self._turning = np.flatnonzero(self._is_goal[:, :3].any(axis=1))  # With a goal of rotation.
+        # Lower and upper limits of the joints' positions and velocities.
+        self._ends = np.stack([hand.lower, hand.upper])
+        self._rates = np.outer([-1.0, 0.0], hand.rate_limit), np.outer([0.0, 1.0], hand.rate_limit)
         self._tips = np.flatnonzero([name in masks for name in hand.tip_frames])
         tip_names = [hand.tip_frames[tip] for tip in self._tips]
-        self._tip_rows = np.array([self._names.index(name) for name in tip_names], dtype=int)
-        self._others = np.setdiff1d(np.arange(len(masks)), self._tip_rows)
+        self._names = [*tip_names, *(name for name in masks if name not in tip_names)]
+        is_goal = np.array([masks[name] for name in self._names]) > 0
+        self._turns, self._shifts = np.split(is_goal, 2, axis=1)  # Rotations and translations.
+        self._turning = np.flatnonzero(self._turns.any(axis=1))
+        self._frames = [scoped_frame(hand.plant, name) for name in self._names]
+        moves = [[moving_joints(hand.plant, frame)] for frame in self._frames]
+        self._moves = np.array(moves, dtype=float)
         self._q = self.DeclareVectorInputPort("position", nq)
         self._v = self.DeclareVectorInputPort("velocity", nq)
         self._posture = self.DeclareVectorInputPort("nominal_posture", nq)
@@ -235,10 +236,10 @@ class DifferentialKinematics(LeafSystem):
 
     def _bounds(self, q: FloatArray, v_last: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns the smallest and largest velocities that respect the joints' limits."""
-        room, last = self._ends - _EITHER_WAY * q, _EITHER_WAY * v_last
-        fastest = np.minimum(self._hand.rate_limit, _LIMIT_RATE * np.maximum(room, 0.0))
-        up, down = np.maximum(last - self._change, np.minimum(fastest, last + self._change))
-        return -down, up
+        slowest, fastest = self._rates
+        limits = np.minimum(np.maximum(_LIMIT_RATE * (self._ends - q), slowest), fastest)
+        least, most = np.maximum(v_last - self._change, np.minimum(limits, v_last + self._change))
+        return least, most
 
     def _goal_rates(
         self, context: Context, plant_context: Context, screws: FloatArray, v_last: FloatArray
@@ -247,22 +248,23 @@ class DifferentialKinematics(LeafSystem):
         port = f"desired_cartesian_poses of {self.get_name()}"
         X_WD = ports.validated_poses(self._goals.Eval(context), self._names, port)
         X_WF = [frame.CalcPoseInWorld(plant_context) for frame in self._frames]
-        p_WF, V = np.array([X.translation() for X in X_WF]), np.zeros((len(X_WF), 6))
-        J = self._moves * screws
-        J[:, 3:] -= skew(p_WF) @ J[:, :3]
-        is_goal = self._is_goal & np.array([[X is not None] for X in X_WD])
+        p_WF = np.array([X.translation() for X in X_WF])
         p_WD = np.array(
             [p if X is None else X.translation() for p, X in zip(p_WF, X_WD, strict=True)]
         )
+        J = self._moves * (screws[3:] - skew(p_WF) @ screws[:3])
+        v_goal = self._v_WT.Eval(context).reshape(-1, 3)[self._tips]
+        if len(p_GF_W := p_WF[len(v_goal) :]):  # These move with G.
+            w_WG, v_WG = ports.validated_velocity(self._V_WG.Eval(context))
+            p_GF_W = p_GF_W - self._X_WG.Eval(context).translation()
+            v_goal = np.concatenate([v_goal, v_WG + p_GF_W @ skew(w_WG).T])
+        wanted = (p_WD - p_WF) / self._period - v_goal
+        V = v_goal + self._pace.toward(wanted, J @ v_last - v_goal)
+        shifts = self._shifts & np.array([[X is not None] for X in X_WD])
+        J, V = J[shifts], V[shifts]
         for i in self._turning:
             if X_WD[i] is not None:
-                V[i] = pose_error(X_WF[i], X_WD[i]) / self._period
-        v_goal = np.empty(p_WF.shape)
-        v_goal[self._tip_rows] = self._v_WT.Eval(context).reshape(-1, 3)[self._tips]
-        if len(rows := self._others):  # These move with G.
-            w_WG, v_WG = ports.validated_velocity(self._V_WG.Eval(context))
-            p_GF_W = p_WF[rows] - self._X_WG.Eval(context).translation()
-            v_goal[rows] = v_WG + p_GF_W @ skew(w_WG).T
-        wanted = (p_WD - p_WF) / self._period - v_goal
-        V[:, 3:] = v_goal + self._pace.toward(wanted, J[:, 3:] @ v_last - v_goal)
-        return J[is_goal], V[is_goal]
+                turns, w = self._turns[i], pose_error(X_WF[i], X_WD[i])[:3] / self._period
+                J = np.concatenate([J, (self._moves[i] * screws[:3])[turns]])
+                V = np.concatenate([V, w[turns]])
+        return J, V

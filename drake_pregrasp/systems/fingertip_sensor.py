@@ -19,6 +19,7 @@ from drake_pregrasp.systems.ports import declare_context, declare_output
 LARGEST_RATE = 10.0
 """Largest rate of any joint, in rad/s or m/s."""
 
+_ORIGIN = np.zeros(3)
 _FORCE_DIRECTIONS = 3
 _LEAST_SHARE = 0.08  # Singular value of a Jacobian below which it is damped, of its largest one.
 
@@ -41,6 +42,7 @@ class HandKinematics:
         efforts: Largest torque or force of each joint, shape (nq,), in N m or N.
         lower: Lower limit of each joint, shape (nq,).
         upper: Upper limit of each joint, shape (nq,).
+        num_positions: Number of joints nq.
         rate_limit: Largest rate of each joint, shape (nq,), at most `LARGEST_RATE`.
         acceleration_limit: Largest acceleration of each joint, shape (nq,), in 1/s².
 
@@ -50,7 +52,9 @@ class HandKinematics:
 
     def __init__(self, plant: MultibodyPlant, tip_frames: Sequence[str]) -> None:
         self.plant = plant
+        self.num_positions = int(plant.num_positions())
         self.tip_frames = list(tip_frames)
+        self._world = plant.world_frame()
         self.frames = [scoped_frame(plant, name) for name in tip_frames]
         self.stiffness, self.damping = _gains(plant)
         drives = map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
@@ -68,11 +72,6 @@ class HandKinematics:
                     f"{name} has {np.sum(own)} joints of its own; to feel forces in all directions"
                     f" it needs {_FORCE_DIRECTIONS}"
                 )
-
-    @property
-    def num_positions(self) -> int:
-        """Number of joints nq."""
-        return int(self.plant.num_positions())
 
     def own_joints(self, finger: int) -> IntArray:
         """Returns the indices of the joints that move only this finger's tip."""
@@ -96,8 +95,7 @@ class HandKinematics:
 
     def tip_positions(self, plant_context: Context) -> FloatArray:
         """Returns the fingertips' centres in W, shape (n, 3), in metres."""
-        poses = [frame.CalcPoseInWorld(plant_context) for frame in self.frames]
-        return np.array([X_WT.translation() for X_WT in poses])
+        return np.array([f.CalcPoseInWorld(plant_context).translation() for f in self.frames])
 
     def screws(self, plant_context: Context) -> FloatArray:
         """Returns the screws of the joints in W, shape (6, nq).
@@ -105,27 +103,25 @@ class HandKinematics:
         Column j is the spatial velocity, at the origin of W, of all that joint j moves, per unit
         rate. The Jacobian of a body has the columns of the joints that move it, and zeros.
         """
-        world, jacobians = self.plant.world_frame(), []
+        jacobians = []
         for frame in self._spanning:
             p_FW = frame.CalcPoseInWorld(plant_context).inverse().translation()
-            jacobians.append(
-                self.plant.CalcJacobianSpatialVelocity(
-                    plant_context, JacobianWrtVariable.kV, frame, p_FW, world, world
-                )
-            )
+            jacobians.append(self._jacobian(plant_context, frame, p_FW))
         return np.asarray(np.concatenate(jacobians, axis=1)[:, self._shown])
 
     def tip_jacobians(self, plant_context: Context) -> FloatArray:
         """Returns the Jacobians of the fingertips' velocities in W, shape (n, 3, nq)."""
-        world = self.plant.world_frame()
-        return np.array(
-            [
-                self.plant.CalcJacobianTranslationalVelocity(
-                    plant_context, JacobianWrtVariable.kV, frame, np.zeros(3), world, world
-                )
-                for frame in self.frames
-            ]
+        jacobians = [self._jacobian(plant_context, frame, _ORIGIN) for frame in self.frames]
+        return np.concatenate(jacobians).reshape(len(jacobians), 6, -1)[:, 3:]
+
+    def _jacobian(self, plant_context: Context, frame: Frame, p_FQ: FloatArray) -> FloatArray:
+        """Returns the Jacobian of a frame's spatial velocity at a point Q in W, shape (6, nq)."""
+        # Faster in Drake than the Jacobian of the velocity alone.
+        world = self._world
+        J: FloatArray = self.plant.CalcJacobianSpatialVelocity(
+            plant_context, JacobianWrtVariable.kV, frame, p_FQ, world, world
         )
+        return J
 
     def tip_forces(self, plant_context: Context, actuation: FloatArray) -> FloatArray:
         """Returns the forces that fingertips press with, in W, shape (n, 3), in newtons.
@@ -356,14 +352,13 @@ class FingertipSensor(LeafSystem):
         self._hand.plant.SetPositions(posed, self._positions(context))
 
     def _measured(
-        self, size: int, measure: Callable[[Context], FloatArray], context: Context
+        self, size: int, measure: Callable[..., FloatArray], context: Context, *given: FloatArray
     ) -> FloatArray:
         if not are_valid(self._positions(context)):  # Drake aborts the process on NaN.
             return np.full(size, np.nan)
-        return measure(self._posed.Eval(context))
+        return measure(self._posed.Eval(context), *given)
 
     def _calc_forces(self, context: Context) -> FloatArray:
         # One NaN makes all forces NaN: the joints of others count times zero.
         actuation = validated_numbers(self._actuation.Eval(context))
-        measure = partial(self._hand.tip_forces, actuation=actuation)
-        return self._measured(3 * len(self._hand.frames), measure, context)
+        return self._measured(3 * len(self._hand.frames), self._hand.tip_forces, context, actuation)
