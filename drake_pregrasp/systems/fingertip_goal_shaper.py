@@ -177,7 +177,7 @@ class FingertipGoalShaper(LeafSystem):
         self._p_OCoM: FloatArray = np.zeros(3) if p_OCoM is None else np.array(p_OCoM)
         acceleration = GOAL_SHARE * config.tip_acceleration
         self._pace = Pace(config.goal_speed, acceleration, config.period)
-        self._standoff = config.standoff
+        self._standing: FloatArray = np.full(n, config.standoff)
 
         self._tips = self.DeclareDiscreteState(np.array(p_GT, dtype=float).ravel())
         self._rates = self.DeclareDiscreteState(3 * n)
@@ -212,12 +212,11 @@ class FingertipGoalShaper(LeafSystem):
         held = self._is_held(context)
         stored = context.get_discrete_state(self._active)
         active = is_active(stored.value() if held else self._status.Eval(context))
-        gaps: FloatArray = np.full(len(active), self._standoff)
-        asked = self._standoffs
+        asked, gaps = self._standoffs, self._standing
         if asked.HasValue(context) and not are_valid(gaps := asked.Eval(context)):
-            gaps = np.where(np.abs(gaps) <= FARTHEST, gaps, self._standoff)
-        kept = self._contacts if held else self._targeted
-        p_OC, nhat = context.get_discrete_state(kept).value().reshape(2, -1, 3)
+            gaps = np.where(np.abs(gaps) <= FARTHEST, gaps, self._standing)
+        frames = context.get_discrete_state(self._contacts if held else self._targeted).value()
+        p_OC, nhat = frames.reshape(2, -1, 3)
         p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)
         self._pose.store(context, discrete_state)
         # Paths are planned in the frame A of the approach, in which the palm's axis is z.
@@ -255,9 +254,9 @@ class FingertipGoalShaper(LeafSystem):
             if permitted is not goal:
                 shift = np.where(active[:, None], permitted - goal, 0) @ R_AG
                 along = shift - np.sum(shift * nhat, axis=1, keepdims=True) * nhat
-                p_OC, goal = p_OC + along, goal + along @ R_AG.T
+                frames, goal = np.concatenate([p_OC + along, nhat]), goal + along @ R_AG.T
             discrete_state.set_value(self._active, active.astype(float))
-            discrete_state.set_value(self._contacts, np.concatenate([p_OC, nhat]).ravel())
+            discrete_state.set_value(self._contacts, frames.ravel())
         if has_arrived and permitted is goal:
             return
         shaped = (shape_goals(p_AT, v_GT @ R_AG.T, goal, self._pace, room) - p_AG) @ R_AG
@@ -299,8 +298,9 @@ class FingertipGoalShaper(LeafSystem):
         R_WG = rotation_matrix(w_WG * self._lead) @ R_WG
         p_WT = p_GT @ R_WG.T + p_WG + v_WG * self._lead
         bus, pose = BusValue(), ports.POSE.Clone()
+        X_WT = pose.get_mutable_value()
         for name, p in zip(self._tip_frames, p_WT, strict=True):
-            pose.get_mutable_value().set_translation(p)
+            X_WT.set_translation(p)
             bus.Set(name, pose)  # A copy.
         return bus
 

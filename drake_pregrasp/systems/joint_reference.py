@@ -112,13 +112,13 @@ class JointReference(LeafSystem):
     def _calc_desired(self, context: Context) -> FloatArray:
         q = self._position.Eval(context)
         v = context.get_discrete_state(self._v).value()
-        room = np.where(v > 0, self._hand.upper - q, q - self._hand.lower)
+        is_free = np.where(v > 0, q < self._hand.upper, q > self._hand.lower)
         if self._forces.HasValue(context) and (f_T_W := self._forces.Eval(context)).any():
             f_T_W = validated_numbers(f_T_W).reshape(-1, 3)
             f_T_W[np.isnan(f_T_W).any(axis=1)] = 0.0
             jacobians = self._hand.tip_jacobians(self._posed.Eval(context))
-            q = q + np.einsum("nij,ni->j", jacobians, f_T_W) / self._hand.stiffness
-        v = np.where(room > 0, v, 0.0)
+            q = q + f_T_W.ravel() @ jacobians.reshape(f_T_W.size, -1) / self._hand.stiffness
+        v = v * is_free
         return np.concatenate([self._yielding(context, q, v), v])
 
     def _yielding(self, context: Context, q: FloatArray, v: FloatArray) -> FloatArray:
