@@ -159,7 +159,8 @@ class RunLog(CsvLog):
         yaw = [RollPitchYaw(X.rotation()).yaw_angle() for X in X_WO]
         error = norms(np.subtract(p_WO, [X.translation() for X in X_WO]))
         columns: list[Any] = [time, p_WC, active, quality, displacement, energy, sizes]
-        return _side_by_side([*columns, X_WO, yaw, X_WO_estimated, error, status, *others])
+        columns += [X_WO, yaw, X_WO_estimated, error, status, *others]
+        return _side_by_side(columns)
 
     def _estimate_for(self, record: TickRecord) -> FloatArray:
         """Returns the position of O in W that was estimated for the time of a tick.
