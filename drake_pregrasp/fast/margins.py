@@ -15,11 +15,8 @@ from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.fast.compiling import GROUP, compiled
 from drake_pregrasp.fast.goals import Members
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.quality.force_closure import (
-    CONE_EDGES,
-    GRAM_RANK_TOLERANCE,
-    longest_arm,
-)
+from drake_pregrasp.quality.force_closure import CONE_EDGES, GRAM_RANK_TOLERANCE
+from drake_pregrasp.quality.grasp_quality import longest_arm
 from drake_pregrasp.regions.independent_regions import LEAST_MARGIN, slip_radii
 
 _DIAGONAL = math.sqrt(0.5)

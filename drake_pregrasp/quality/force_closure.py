@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.quality.grasp_quality import contact_blocks
+from drake_pregrasp.quality.grasp_quality import contact_blocks, longest_arm
 
 CONE_MODELS = ("hard_finger", "soft_finger", "frictionless")
 """Contact models with a friction cone. The complete model has none, because it also pulls."""
@@ -114,12 +114,6 @@ def largest_minimum(W: FloatArray) -> float:
             if k != row:
                 T[k] -= T[k, column] * T[row]
     return 0.0
-
-
-def longest_arm(p_CoMC: FloatArray) -> float:
-    """Returns the longest of lever arms, shape (..., 3), in metres; it is always above zero."""
-    lengths = np.linalg.norm(p_CoMC, axis=-1)
-    return float(max(np.max(lengths, initial=0.0), np.finfo(float).tiny))
 
 
 def ferrari_canny(

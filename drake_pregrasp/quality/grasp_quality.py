@@ -92,16 +92,21 @@ def contact_blocks(p_CoMC: FloatArray, nhat: FloatArray | None, model: str) -> F
     return blocks
 
 
-def characteristic_length(length: float, model: str, longest_arm: float) -> float:
+def characteristic_length(length: float, model: str, longest: float) -> float:
     """Returns the unit of the lever arms in measures, in metres.
 
     Args:
         length: The unit, or 0 for the default: one metre for the complete model, as in the paper's
             tables, and the longest lever arm for the others.
         model: One of `CONTACT_MODELS`.
-        longest_arm: Longest lever arm on the object, in metres.
+        longest: Longest lever arm on the object, in metres.
     """
-    return length or (1.0 if model == "complete" else longest_arm)
+    return length or (1.0 if model == "complete" else longest)
+
+
+def longest_arm(p_CoMC: FloatArray) -> float:
+    """Returns the longest of lever arms, shape (..., 3), in metres; it is always above zero."""
+    return float(np.maximum.reduce(norms(p_CoMC), axis=None, initial=_TINY))
 
 
 def contact_axes(nhat: FloatArray) -> FloatArray:
@@ -184,7 +189,7 @@ def grasp_quality(
     if model == "complete":  # A hard finger has the forces only.
         H = G.reshape(_WRENCH_SIZE, len(p_CoMC), -1)[:, :, :3].reshape(_WRENCH_SIZE, -1)
     # Torques are divided by the longest lever arm, so that ranks do not depend on units.
-    scale = length / max(float(norms(p_CoMC).max()), _TINY)
+    scale = length / longest_arm(p_CoMC)
     H = H * [[1.0], [1.0], [1.0], [scale], [scale], [scale]]
     sigma, sigma_of_H = _singular_values(G, H)
     rank = np.count_nonzero(sigma_of_H > _RANK_TOLERANCE)

@@ -192,7 +192,7 @@ class LoggedRun:
             # A reference to the diagram from here would be a cycle that keeps it alive.
             parts = log.append(record)
             if mcap_log is not None:
-                named = dict(zip(log.columns, log.table([parts])[0].tolist(), strict=True))
+                named = dict(zip(log.columns, log.table(*zip(parts))[0].tolist(), strict=True))
                 mcap_log.append(named, record.regions.labels)
             if meshcat is not None:
                 story.add_tick(record)

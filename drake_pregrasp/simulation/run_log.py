@@ -9,7 +9,8 @@ import os
 import time
 from array import array
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Self
 
@@ -26,6 +27,11 @@ from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
 
 _FLUSH_PERIOD = 1.0  # Seconds of data that a killed run can lose.
 _LONGEST_ROW = 100_000  # Largest length of a row, in characters.
+_MOMENT = attrgetter("time", "p_WC", "contact_status")
+_OTHERS = attrgetter(
+    *("X_WO", "X_WO_estimated", "grasp_quality", "regions.counts"),
+    *("contact_causes", "tracking_status", "time_since_measurement"),
+)
 
 
 class CsvLog:
@@ -77,7 +83,7 @@ class CsvLog:
             self._flush()
 
     def _flush(self) -> None:
-        rows = self.table(self._waiting).tolist() if self._waiting else []
+        rows = self.table(*zip(*self._waiting, strict=True)).tolist() if self._waiting else []
         text = "".join(",".join(map(repr, row)) + "\n" for row in rows)
         self._waiting.clear()  # An interrupt can cost the last rows, but none between others.
         with writing(self._path):
@@ -85,9 +91,10 @@ class CsvLog:
             self._file.flush()
         self._flushed = time.monotonic()
 
-    def table(self, rows: Sequence[tuple[Any, ...]]) -> FloatArray:
-        """Returns the numbers of rows, each given by its parts, shape (rows, columns)."""
-        return _side_by_side(zip(*rows, strict=True))
+    def table(self, *parts: Any) -> FloatArray:
+        """Returns the numbers of rows, shape (rows, columns), given each part of all rows."""
+        plain = ([pose_values(X) for X in p] if type(p[0]) is RigidTransform else p for p in parts)
+        return np.hstack([np.reshape(part, (len(part), -1)) for part in plain])
 
     def read(self, *names: str) -> list[FloatArray]:
         """Returns columns of the closed file.
@@ -131,14 +138,8 @@ class RunLog(CsvLog):
 
     def append(self, record: TickRecord) -> tuple[Any, ...]:
         """Adds a tick, and returns the parts of its row, from which `table` computes the row."""
-        before = self.last or record
-        parts = (
-            *(record.time, record.p_WC, record.contact_status),
-            *(before.time, before.p_WC, before.contact_status),
-            *(record.X_WO, record.X_WO_estimated, self._estimate_for(record)),
-            *(record.grasp_quality, record.regions.sizes(), record.contact_causes),
-            *(record.tracking_status, record.time_since_measurement),
-        )
+        now, before = _MOMENT(record), _MOMENT(self.last or record)
+        parts = (*now, *before, *_OTHERS(record), self._estimate_for(record))
         self.last = record
         if record.time < self._static_end:
             self.last_static = record
@@ -146,11 +147,10 @@ class RunLog(CsvLog):
         self.write(*parts)
         return parts
 
-    def table(self, rows: Sequence[tuple[Any, ...]]) -> FloatArray:
+    def table(self, *parts: Any) -> FloatArray:
         """See `CsvLog`; many ticks at once take much less time than one by one."""
-        parts = list(zip(*rows, strict=True))
         time, p_WC, status, earlier, p_WC_before, status_before = map(np.array, parts[:6])
-        X_WO, X_WO_estimated, p_WO, quality, sizes, *others = parts[6:]
+        X_WO, X_WO_estimated, quality, sizes, *others, p_WO = parts[6:]
         active, dt = is_active(status), time - earlier
         squares = np.sum((p_WC - p_WC_before) ** 2, axis=2)
         squares[~(active & is_active(status_before))] = 0.0
@@ -158,9 +158,8 @@ class RunLog(CsvLog):
         displacement = np.sqrt(squares).sum(axis=1)
         yaw = [RollPitchYaw(X.rotation()).yaw_angle() for X in X_WO]
         error = norms(np.subtract(p_WO, [X.translation() for X in X_WO]))
-        columns: list[Any] = [time, p_WC, active, quality, displacement, energy, sizes]
-        columns += [X_WO, yaw, X_WO_estimated, error, status, *others]
-        return _side_by_side(columns)
+        contacts = time, p_WC, active, quality, displacement, energy, sizes
+        return super().table(*contacts, X_WO, yaw, X_WO_estimated, error, status, *others)
 
     def _estimate_for(self, record: TickRecord) -> FloatArray:
         """Returns the position of O in W that was estimated for the time of a tick.
@@ -207,12 +206,6 @@ def pose_columns(frames: str) -> list[str]:
 def pose_values(X: RigidTransform) -> FloatArray:
     """Returns the values of `pose_columns`: position in metres, and quaternion w, x, y, z."""
     return np.concatenate([X.translation(), X.rotation().ToQuaternion().wxyz()])
-
-
-def _side_by_side(columns: Iterable[Sequence[Any]]) -> FloatArray:
-    """Returns a table of columns, each with a number, an array or a pose for each row."""
-    plain = ([pose_values(X) for X in c] if type(c[0]) is RigidTransform else c for c in columns)
-    return np.hstack([np.reshape(column, (len(column), -1)) for column in plain])
 
 
 class GraspLog(CsvLog):

@@ -87,7 +87,7 @@ class GraspQualityMonitor(LeafSystem):
         if not is_valid(X_WO):
             counts[:] = False
             X_WO = RigidTransform()
-        p_OC: FloatArray = (p_WC[counts] - X_WO.translation()) @ X_WO.rotation().matrix()
+        p_OC: FloatArray = (X_WO.inverse() @ p_WC[counts].T).T
         r, model = p_OC - self._surface.p_OCoM, self._contact_model
         nhat_OC = self._surface.project(p_OC)[1] if model in NEED_NORMALS else None
         return grasp_quality(r, nhat_OC, model=model, length=self._length).to_vector()

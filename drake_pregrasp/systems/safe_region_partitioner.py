@@ -231,7 +231,7 @@ class SafeRegionPartitioner(LeafSystem):
             weights = validated_weights(self._contact_weights.Eval(context))
         p_WC: FloatArray = self._p_WC.Eval(context).reshape(-1, 3)
         X_OW = X_WO.inverse()
-        p_OC = (p_WC - X_WO.translation()) @ X_WO.rotation().matrix()
+        p_OC = (X_OW @ p_WC.T).T
         if not are_valid(p_OC):
             invalid = ~are_valid_points(p_OC)
             p_OC[invalid], weights[invalid] = 0.0, -np.inf

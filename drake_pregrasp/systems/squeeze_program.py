@@ -10,8 +10,7 @@ from scipy.linalg import block_diag
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.grasp_state import GiveUp, Squeeze
-from drake_pregrasp.quality.force_closure import longest_arm
-from drake_pregrasp.quality.grasp_quality import contact_axes, contact_blocks
+from drake_pregrasp.quality.grasp_quality import contact_axes, contact_blocks, longest_arm
 
 PREFERRED_SHARE = 0.5
 """Share of the friction coefficient that forces need not exceed if larger forces can avoid it."""
