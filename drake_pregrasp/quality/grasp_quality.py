@@ -1,10 +1,11 @@
 """The measures Q_MSV, Q_GII and Q_VEW, the classification (Eq. 8-9), and hand-centric measures."""
 
+import math
 from dataclasses import dataclass, fields
 
 import numpy as np
 
-from drake_pregrasp.arrays import FloatArray, norms
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
 
 CONTACT_MODELS = ("complete", "hard_finger", "soft_finger", "frictionless")
@@ -106,7 +107,8 @@ def characteristic_length(length: float, model: str, longest: float) -> float:
 
 def longest_arm(p_CoMC: FloatArray) -> float:
     """Returns the longest of lever arms, shape (..., 3), in metres; it is always above zero."""
-    return float(np.maximum.reduce(norms(p_CoMC), axis=None, initial=_TINY))
+    squares = np.add.reduce(p_CoMC * p_CoMC, axis=-1)
+    return max(math.sqrt(squares.max(initial=0.0)), _TINY)
 
 
 def contact_axes(nhat: FloatArray) -> FloatArray:

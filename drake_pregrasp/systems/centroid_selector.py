@@ -183,7 +183,10 @@ class CentroidSelector(LeafSystem):
             self.all_input_ports_ticket(),
         )
         pose, stored = self._pose.source, self.discrete_state_ticket(self._p_OC_index)
-        ports.declare_output(self, "p_WC", 3 * n, self._calc_p_WC, goals, pose)
+        moved = self._pose.moved
+        ports.declare_output(
+            self, "p_WC", 3 * n, lambda c: moved(c, goals.Eval(c).p_OC), goals, pose
+        )
         ports.declare_output(self, "contact_status", n, lambda c: goals.Eval(c).status, goals)
         ports.declare_output(
             self,
@@ -221,7 +224,7 @@ class CentroidSelector(LeafSystem):
                 f"port safe_regions of {self.get_name()} accepts regions of {n} contacts"
                 f" over {N} candidates, not of {given[0]} over {given[1]}"
             )
-        R_WO, _ = self._pose.split(context)
+        R_WO: FloatArray = self._X_WO_estimated.Eval(context).rotation().matrix()
         covariance_W: FloatArray = self._p_WO_covariance.Eval(context).reshape(3, 3)
         selection = SelectionInput(
             surface=self._surface,
@@ -258,17 +261,9 @@ class CentroidSelector(LeafSystem):
             discrete_state.set_value(self._reassigned_index, [context.get_time()])
         self._pose.store(context, discrete_state)
 
-    def _calc_p_WC(self, context: Context) -> FloatArray:
-        return self._moved(context, self._goals.Eval(context).p_OC)
-
     def _calc_p_WC_previous(self, context: Context) -> FloatArray:
         p_OC = context.get_discrete_state(self._p_OC_index).value()
-        return self._moved(context, p_OC.reshape(-1, 3))
-
-    def _moved(self, context: Context, p_OC: FloatArray) -> FloatArray:
-        R_WO, p_WO = self._pose.split(context)
-        p_WC: FloatArray = p_OC @ R_WO.T + p_WO
-        return p_WC
+        return self._pose.moved(context, p_OC.reshape(-1, 3))
 
     def _calc_fingertip_targets(self, context: Context) -> BusValue:
         goals: ContactGoals = self._goals.Eval(context)

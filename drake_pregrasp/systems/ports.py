@@ -205,6 +205,12 @@ class LastPose:
         matrix: FloatArray = self.source.Eval(context)[1]
         return matrix[:, :3], matrix[:, 3]
 
+    def moved(self, context: Context, points: FloatArray) -> FloatArray:
+        """Returns points that are fixed in the posed frame, expressed in W, shape (n, 3)."""
+        matrix = self.source.Eval(context)[1]
+        p_W: FloatArray = points @ matrix[:, :3].T + matrix[:, 3]
+        return p_W
+
     def store(self, context: Context, discrete_state: DiscreteValues) -> None:
         """Stores the last valid pose, if the port is connected."""
         if self._port.HasValue(context):

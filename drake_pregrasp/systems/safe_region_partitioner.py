@@ -12,7 +12,6 @@ from drake_pregrasp.arrays import (
     FARTHEST,
     BoolArray,
     FloatArray,
-    are_valid,
     are_valid_points,
     validated_rates,
     validated_weights,
@@ -232,9 +231,8 @@ class SafeRegionPartitioner(LeafSystem):
         p_WC: FloatArray = self._p_WC.Eval(context).reshape(-1, 3)
         X_OW = X_WO.inverse()
         p_OC = (X_OW @ p_WC.T).T
-        if not are_valid(p_OC):
-            invalid = ~are_valid_points(p_OC)
-            p_OC[invalid], weights[invalid] = 0.0, -np.inf
+        if not (valid := are_valid_points(p_OC)).all():
+            p_OC[~valid], weights[~valid] = 0.0, -np.inf
         constraints = UNCONSTRAINED
         if not self._is_unlimited or self._obstacles.HasValue(context):
             constraints = self._constraints(context, X_WO, X_OW, p_OC)
