@@ -44,6 +44,17 @@ def test_measures_have_bounds_and_the_volume_is_the_closed_form_of_the_spread(se
     assert quality.q_vew == pytest.approx(np.sqrt(determinant), rel=1e-10)
 
 
+@given(seed=st.integers(0, 2**32), n=st.integers(1, 8), flat=st.floats(-12, 0))
+def test_measures_are_those_of_the_singular_values_also_of_flat_sets(seed, n, flat):
+    r, _ = anywhere(seed, n)
+    r[:, 2] *= 10**flat
+    for length in (1.0, 1e-3):
+        sigma = np.linalg.svd(grasp_matrix(r, None, "complete", length=length), compute_uv=False)
+        expected = sigma[-1], sigma[-1] / sigma[0], np.prod(sigma)
+        quality = grasp_quality(r, length=length).to_vector()
+        np.testing.assert_allclose(quality[:3], expected, rtol=1e-10)
+
+
 def test_contacts_about_the_centre_are_isotropic():
     quality = grasp_quality(1e-6 * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]]))
     assert quality.q_msv == pytest.approx(2, rel=1e-6)

@@ -2,12 +2,16 @@
 
 from contextlib import suppress
 
+import numpy as np
 import pytest
 
 from drake_pregrasp import load_scenario
 from drake_pregrasp.errors import OutputError
 from drake_pregrasp.simulation.run import LoggedRun
 from drake_pregrasp.simulation.run_log import CsvLog, RunLog
+
+ACTUAL = ("x_wo", "y_wo", "z_wo")
+ESTIMATED = ("x_wo_estimated", "y_wo_estimated", "z_wo_estimated")
 
 
 def test_columns_are_read_back_to_the_last_digit(tmp_path):
@@ -22,6 +26,31 @@ def test_columns_are_read_back_to_the_last_digit(tmp_path):
         spoil()
         with pytest.raises(OutputError, match=r"log\.csv: cannot be read back: .*"):
             logged.log.read("time")
+
+
+def test_measures_are_those_of_contacts_that_are_active_at_both_ticks(tmp_path):
+    text = """
+        planner: {static_duration: 0.3}
+        simulation_duration: 1.0
+        damage: [{at: 0.4, contacts: [1], until: 0.7}]
+    """
+    scenario = load_scenario("returning_finger", text=text)
+    logged = LoggedRun(scenario, tmp_path)
+    logged.simulate()
+    n, read = scenario.num_contacts, logged.log.read
+    points = np.array([read(*(f"c{i}_{axis}" for axis in "xyz")) for i in range(n)])
+    active = np.array(read(*(f"c{i}_active" for i in range(n)))) > 0
+    steps = np.linalg.norm(np.diff(points), axis=1)
+    counts = active[:, 1:] & active[:, :-1]
+    assert np.any(steps[~counts] > 1e-4), "no contact moves while it is lost or returns"
+    time, displacement, energy = read("time", "displacement", "energy")
+    np.testing.assert_allclose(displacement[1:], np.sum(steps * counts, axis=0))
+    squares = np.sum((steps * counts) ** 2, axis=0)
+    np.testing.assert_allclose(energy[1:], squares / (2 * np.diff(time) ** 2))
+    assert displacement[0] == energy[0] == 0
+    error, *poses = read("position_error", *ACTUAL, *ESTIMATED)
+    actual, estimated = np.array(poses).reshape(2, 3, -1)
+    np.testing.assert_allclose(error, np.linalg.norm(estimated - actual, axis=0))
 
 
 def test_no_ticks_are_read_from_no_file(tmp_path):
