@@ -187,12 +187,12 @@ def grasp_quality(
     G = grasp_matrix(p_CoMC, nhat, model, length=length)
     if len(p_CoMC) == 0:
         return GraspQuality(0.0, 0.0, 0.0, graspable=0.0, indeterminate=1.0)
-    H = G
-    if model == "complete":  # A hard finger has the forces only.
-        H = G.reshape(_WRENCH_SIZE, len(p_CoMC), -1)[:, :, :3].reshape(_WRENCH_SIZE, -1)
-    # Torques are divided by the longest lever arm, so that ranks do not depend on units.
-    scale = length / longest_arm(p_CoMC)
-    H = H * [[1.0], [1.0], [1.0], [scale], [scale], [scale]]
+    # The first columns of each contact, at most three, are forces; a hard finger has no others.
+    blocks = G.reshape(_WRENCH_SIZE, len(p_CoMC), -1)
+    blocks = (blocks[:, :, :3] if model == "complete" else blocks).copy()
+    # Their torques are divided by the longest lever arm, so that ranks do not depend on units.
+    blocks[3:, :, :3] *= length / longest_arm(p_CoMC)
+    H = blocks.reshape(_WRENCH_SIZE, -1)
     sigma, sigma_of_H = _singular_values(G, H)
     rank = np.count_nonzero(sigma_of_H > _RANK_TOLERANCE)
     return GraspQuality(

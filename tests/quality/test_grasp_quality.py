@@ -106,6 +106,15 @@ def test_no_contact_has_no_quality(model):
     np.testing.assert_array_equal(quality.to_vector(), [0, 0, 0, 0, 1])
 
 
+@pytest.mark.parametrize("model", CONTACT_MODELS)
+def test_contacts_at_the_centre_of_mass_have_no_lever_arms(model):
+    nhat = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]])
+    quality = grasp_quality(np.zeros((3, 3)), nhat, model=model, length=0.05)
+    by_moments = {"soft_finger": 1.0, "complete": np.sqrt(3)}
+    assert quality.q_msv == pytest.approx(by_moments.get(model, 0.0))
+    assert quality.indeterminate == (model != "soft_finger")
+
+
 few = seeds(1, 6)
 
 
