@@ -25,7 +25,7 @@ _WRENCH_SIZE = 6
 _RANK_TOLERANCE = 1e-9
 _I = np.eye(3)
 _TINY = np.finfo(float).tiny
-_SIMILAR = 1e-2  # Ratio of singular values above which their squares tell them to 12 digits.
+_LEAST_RATIO = 1e-2  # Of sigma_min to sigma_max, if eigenvalues of M Mᵀ tell sigma to 12 digits.
 
 
 def grasp_matrix(
@@ -93,16 +93,16 @@ def contact_blocks(p_CoMC: FloatArray, nhat: FloatArray | None, model: str) -> F
     return blocks
 
 
-def characteristic_length(length: float, model: str, longest: float) -> float:
+def characteristic_length(length: float, model: str, longest_arm: float) -> float:
     """Returns the unit of the lever arms in measures, in metres.
 
     Args:
         length: The unit, or 0 for the default: one metre for the complete model, as in the paper's
             tables, and the longest lever arm for the others.
         model: One of `CONTACT_MODELS`.
-        longest: Longest lever arm on the object, in metres.
+        longest_arm: Longest lever arm on the object, in metres.
     """
-    return length or (1.0 if model == "complete" else longest)
+    return length or (1.0 if model == "complete" else longest_arm)
 
 
 def longest_arm(p_CoMC: FloatArray) -> float:
@@ -187,7 +187,8 @@ def grasp_quality(
     G = grasp_matrix(p_CoMC, nhat, model, length=length)
     if len(p_CoMC) == 0:
         return GraspQuality(0.0, 0.0, 0.0, graspable=0.0, indeterminate=1.0)
-    # The first columns of each contact, at most three, are forces; a hard finger has no others.
+    # The first columns of each contact, at most three, are forces; a hard finger, by which the
+    # complete model is classified, has no others.
     blocks = G.reshape(_WRENCH_SIZE, len(p_CoMC), -1)
     blocks = (blocks[:, :, :3] if model == "complete" else blocks).copy()
     # Their torques are divided by the longest lever arm, so that ranks do not depend on units.
@@ -209,7 +210,7 @@ def _singular_values(*matrices: FloatArray) -> list[FloatArray]:
     squares = np.linalg.eigvalsh(np.array([M @ M.T for M in matrices]))
     found = [np.sqrt(np.maximum(square[::-1], 0.0)) for square in squares]
     for sigma, M in zip(found, matrices, strict=True):
-        if not sigma[-1] > _SIMILAR * sigma[0]:  # Rounding of a square would show in its root.
+        if not sigma[-1] > _LEAST_RATIO * sigma[0]:  # The root magnifies rounding.
             exact = np.linalg.svd(M, compute_uv=False)
             sigma[:] = 0.0  # Fewer than six columns leave singular values of zero.
             sigma[: len(exact)] = exact

@@ -87,7 +87,7 @@ def run(
         recording: Whether to write `recording.html`.
         mcap: Whether to write `run.mcap`, which Foxglove shows; it needs the extra `wire`.
         overwrite: Whether to replace even a run of another scenario.
-        on_tick: Function that is called with each planning tick.
+        on_tick: Function that is called with each planning tick, which it must not change.
         should_stop: Function that is called after each step; if it returns true, the run ends
             early.
 
@@ -154,7 +154,7 @@ class LoggedRun:
         name: Name of the run, for the title of its story.
         meshcat: Viewer that records the simulation; None for no recording.
         mcap: Whether to write `run.mcap`.
-        on_tick: Function that is called with each planning tick.
+        on_tick: Function that is called with each planning tick, which it must not change.
 
     Attributes:
         story: Story of the run, for its recording.
@@ -192,7 +192,8 @@ class LoggedRun:
             # A reference to the diagram from here would be a cycle that keeps it alive.
             parts = log.append(record)
             if mcap_log is not None:
-                named = dict(zip(log.columns, log.table(*zip(parts))[0].tolist(), strict=True))
+                row = log.table(*([part] for part in parts))[0]
+                named = dict(zip(log.columns, row.tolist(), strict=True))
                 mcap_log.append(named, record.regions.labels)
             if meshcat is not None:
                 story.add_tick(record)

@@ -27,8 +27,9 @@ from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
 
 _FLUSH_PERIOD = 1.0  # Seconds of data that a killed run can lose.
 _LONGEST_ROW = 100_000  # Largest length of a row, in characters.
-_MOMENT = attrgetter("time", "p_WC", "contact_status")
-_OTHERS = attrgetter(
+# Parts of a row of `RunLog`, which `RunLog.table` takes in this order.
+_STEP_FIELDS = attrgetter("time", "p_WC", "contact_status")
+_OTHER_FIELDS = attrgetter(
     *("X_WO", "X_WO_estimated", "grasp_quality", "regions.counts"),
     *("contact_causes", "tracking_status", "time_since_measurement"),
 )
@@ -75,7 +76,8 @@ class CsvLog:
     def write(self, *parts: Any) -> None:
         """Adds a row of the numbers in all parts; it may stay in memory for a second.
 
-        Poses are written as their `pose_values`.
+        Poses are written as their `pose_values`. All rows have parts of the same shapes. Do not
+        change a part later: rows are computed when they are written.
         """
         self.num_rows += 1
         self._waiting.append(parts)
@@ -138,8 +140,8 @@ class RunLog(CsvLog):
 
     def append(self, record: TickRecord) -> tuple[Any, ...]:
         """Adds a tick, and returns the parts of its row, from which `table` computes the row."""
-        now, before = _MOMENT(record), _MOMENT(self.last or record)
-        parts = (*now, *before, *_OTHERS(record), self._estimate_for(record))
+        now, before = _STEP_FIELDS(record), _STEP_FIELDS(self.last or record)
+        parts = (*now, *before, *_OTHER_FIELDS(record), self._estimate_for(record))
         self.last = record
         if record.time < self._static_end:
             self.last_static = record
@@ -148,17 +150,20 @@ class RunLog(CsvLog):
         return parts
 
     def table(self, *parts: Any) -> FloatArray:
-        """See `CsvLog`; many ticks at once take much less time than one by one."""
-        time, p_WC, status, earlier, p_WC_before, status_before = map(np.array, parts[:6])
+        """Returns rows of `log.csv`, shape (rows, columns), given the parts from `append`.
+
+        Many rows at once take much less time than one by one.
+        """
+        times, p_WC, status, earlier, p_WC_before, status_before = map(np.array, parts[:6])
         X_WO, X_WO_estimated, quality, sizes, *others, p_WO = parts[6:]
-        active, dt = is_active(status), time - earlier
+        active, dt = is_active(status), times - earlier
         squares = np.sum((p_WC - p_WC_before) ** 2, axis=2)
         squares[~(active & is_active(status_before))] = 0.0
         energy = squares.sum(axis=1) / np.where(dt > 0, 2 * dt**2, np.inf)
         displacement = np.sqrt(squares).sum(axis=1)
         yaw = [RollPitchYaw(X.rotation()).yaw_angle() for X in X_WO]
         error = norms(np.subtract(p_WO, [X.translation() for X in X_WO]))
-        contacts = time, p_WC, active, quality, displacement, energy, sizes
+        contacts = times, p_WC, active, quality, displacement, energy, sizes
         return super().table(*contacts, X_WO, yaw, X_WO_estimated, error, status, *others)
 
     def _estimate_for(self, record: TickRecord) -> FloatArray:

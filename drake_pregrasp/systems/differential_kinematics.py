@@ -159,7 +159,7 @@ class DifferentialKinematics(LeafSystem):
         self._gain, self._period, self._each = posture_gain, period, np.eye(nq)
         self._pace = Pace(FASTEST_APPROACH, _USED * acceleration, period)
         self._change = hand.acceleration_limit * period
-        # Lower and upper limits of the joints' positions and velocities.
+        # Lower and upper limits of positions, and the range of either limit of velocities.
         self._ends = np.stack([hand.lower, hand.upper])
         self._rates = np.outer([-1.0, 0.0], hand.rate_limit), np.outer([0.0, 1.0], hand.rate_limit)
         self._tips = np.flatnonzero([name in masks for name in hand.tip_frames])

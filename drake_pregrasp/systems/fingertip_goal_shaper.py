@@ -177,7 +177,7 @@ class FingertipGoalShaper(LeafSystem):
         self._p_OCoM: FloatArray = np.zeros(3) if p_OCoM is None else np.array(p_OCoM)
         acceleration = GOAL_SHARE * config.tip_acceleration
         self._pace = Pace(config.goal_speed, acceleration, config.period)
-        self._standing: FloatArray = np.full(n, config.standoff)
+        self._own_gaps: FloatArray = np.full(n, config.standoff)
 
         self._tips = self.DeclareDiscreteState(np.array(p_GT, dtype=float).ravel())
         self._rates = self.DeclareDiscreteState(3 * n)
@@ -212,9 +212,9 @@ class FingertipGoalShaper(LeafSystem):
         held = self._is_held(context)
         stored = context.get_discrete_state(self._active)
         active = is_active(stored.value() if held else self._status.Eval(context))
-        asked, gaps = self._standoffs, self._standing
+        asked, gaps = self._standoffs, self._own_gaps
         if asked.HasValue(context) and not are_valid(gaps := asked.Eval(context)):
-            gaps = np.where(np.abs(gaps) <= FARTHEST, gaps, self._standing)
+            gaps = np.where(np.abs(gaps) <= FARTHEST, gaps, self._own_gaps)
         frames = context.get_discrete_state(self._contacts if held else self._targeted).value()
         p_OC, nhat = frames.reshape(2, -1, 3)
         p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)

@@ -116,7 +116,7 @@ class HandKinematics:
 
     def _jacobian(self, plant_context: Context, frame: Frame, p_FQ: FloatArray) -> FloatArray:
         """Returns the Jacobian of a frame's spatial velocity at a point Q in W, shape (6, nq)."""
-        # Faster in Drake than the Jacobian of the velocity alone.
+        # Drake computes it in less time than the Jacobian of the translational velocity.
         world = self._world
         J: FloatArray = self.plant.CalcJacobianSpatialVelocity(
             plant_context, JacobianWrtVariable.kV, frame, p_FQ, world, world
