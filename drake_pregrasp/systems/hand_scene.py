@@ -255,8 +255,8 @@ class HandScene:
         along = np.concatenate([(skew(p_WC) @ normals[:, :, None])[:, :, 0], normals], axis=1)
         rates = (along @ screws) * (self._moves[link] - self._moves[other])
         w_WO, v_WO = V_WO
-        V_WW = np.concatenate([w_WO, v_WO + skew(X_WO.translation()) @ w_WO])  # At W's origin.
-        drift = is_object * (along @ V_WW)
+        at_origin = np.concatenate([w_WO, v_WO + skew(X_WO.translation()) @ w_WO])  # Of W.
+        drift = is_object * (along @ at_origin)
         speeds = np.minimum(_RATE * (least_gaps - gaps), _RETREAT) + drift
         if not holding.any():
             return Clearances(rates, speeds, finger)
