@@ -64,7 +64,7 @@ _PAPER_CONTACTS = (
 class Scenario:
     """Configuration of one simulation. Every field has a default."""
 
-    # One line of text for lists and titles.
+    # One line of text for lists and titles. Keys that --scenario_text overrides empty it.
     description: str = ""
 
     # Seed of the measurement noise and of faults. The same scenario gives the same log.

@@ -66,7 +66,8 @@ def load_scenario(
     Args:
         name: Name of an entry of `file`, or of a shipped scenario if no file is given.
         file: YAML file of scenarios. If it has a single entry, `name` can be left out.
-        text: YAML that overrides single keys, for example `{planner: {period: 0.1}}`.
+        text: YAML that overrides single keys, for example `{planner: {period: 0.1}}`. The entry's
+            description is left out then, because it may be false.
         folders: Folders that may hold files which the scenario names, at any depth, besides the
             file's own folder and, for files that `text` names, the working directory.
 
@@ -87,6 +88,7 @@ def load_scenario(
         if text is not None:
             make_paths_absolute(scenario, folder, allowed=allowed, source=source)
             overrides = _checked_entries(SCENARIO_TEXT, parse_entries(SCENARIO_TEXT, text))
+            scenario.description = ""  # It may be false now, in titles of pictures too.
             scenario = load_checked(SCENARIO_TEXT, "", overrides, scenario)
             source, folder = f"{file} with {SCENARIO_TEXT}", Path.cwd()
             allowed.append(folder)
