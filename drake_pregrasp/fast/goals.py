@@ -6,7 +6,7 @@ its weights at these places; `centroids` stretches, blends and applies them.
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -252,12 +252,10 @@ class CompiledGoals:
         if reading == "contact":  # The other contacts do not count: it is the same in all ticks.
             regions = SafeRegions.unlimited(np.zeros(len(surface.p_OQ), dtype=np.int64), 1)
             alone = SelectionInput(surface, surface.p_OQ[:1], regions, np.eye(3))
-            options: dict[str, Any] = {
-                "reading": reading,
-                "contact_model": model,
-                "length": self._unit,
-            }
-            b = MEASURES[name](singular_values(alone, 0, **options))
+            sigma = singular_values(
+                alone, 0, reading=reading, contact_model=model, length=self._unit
+            )
+            b = MEASURES[name](sigma)
             return lambda _, members, out: np.take(b, members.candidates, out=out)
         if model != "complete":
             from drake_pregrasp.fast.spectra import MeasureWeights
