@@ -179,8 +179,8 @@ MEASURES: Mapping[str, Callable[[FloatArray], FloatArray]] = {
 }
 """The measures of singular values, by the names of their strategies."""
 
-
-_HAND_MEASURES = {"margin": hand_margin, "independence": hand_independence}
+HAND_MEASURES = {"margin": hand_margin, "independence": hand_independence}
+"""The measures of friction cones, by the names of their strategies."""
 
 
 def _measure_of_matrix(selection: SelectionInput, i: int, *, name: str, **model: Any) -> FloatArray:
@@ -231,8 +231,8 @@ def make_strategy(
     if name == "position":
         return position_tracking
     measure: Measure
-    if name in _HAND_MEASURES:
-        measure = partial(_HAND_MEASURES[name], friction=friction)
+    if name in HAND_MEASURES:
+        measure = partial(HAND_MEASURES[name], friction=friction)
     elif name in FINGER_MEASURES:
         measure = partial(finger_measure, name=name)
     else:

@@ -13,7 +13,7 @@ import numpy as np
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.contacts.centroids import TIE
 from drake_pregrasp.contacts.selection_input import SelectionInput
-from drake_pregrasp.contacts.strategies import FLAT, MEASURES, singular_values
+from drake_pregrasp.contacts.strategies import FLAT, HAND_MEASURES, MEASURES, singular_values
 from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.fast.predicates import numbers_of, write_finger_measures
 from drake_pregrasp.fast.projection import CompiledSurface
@@ -245,7 +245,7 @@ class CompiledGoals:
         if name in FINGER_MEASURES:
             places = np.array(surface.p_OQ, order="C"), np.array(surface.nhat_OQ, order="C")
             return partial(_write_finger_measures, FINGER_MEASURES.index(name), places)
-        if name not in MEASURES:
+        if name in HAND_MEASURES:
             from drake_pregrasp.fast.margins import MarginWeights
 
             return MarginWeights(surface, friction, slips=name == "independence")
