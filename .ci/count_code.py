@@ -23,7 +23,7 @@ LINES = {  # At most this many lines of code below each folder.
     "drake_pregrasp": 21_137,
     "drake_pregrasp/studies": 4_935,
     "drake_pregrasp/fast": 1_419,
-    "tests": 16_840,
+    "tests": 16_843,
 }
 FILES = {"drake_pregrasp": 199}
 LONGEST_FILE = 400  # Lines, all counted.

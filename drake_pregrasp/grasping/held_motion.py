@@ -8,9 +8,10 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.geometry.rotations import rotation_matrix
 
 # Gains of the alpha-beta-gamma filter (Bar-Shalom, Li and Kirubarajan, section 6.5) for the pose,
-# the twist and the acceleration. Joint sensors have little noise, so the twist is corrected fully.
-# The acceleration fades, because fingertips that follow the frame cannot contradict it.
-_ALPHA, _BETA, _GAMMA, _FADING = 0.6, 1.0, 0.4, 0.8
+# the twist and the acceleration. Fingertips follow G in turn: with a larger gain of the
+# acceleration, an arm, whose drives yield, swings with the object. The acceleration fades, because
+# fingertips that follow G cannot contradict it.
+_ALPHA, _BETA, _GAMMA, _FADING = 0.8, 0.9, 0.2, 0.9
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,6 +49,11 @@ def test_it_follows_lifts_and_holds(fast_run):
     check_gaps(fast_run, 0.065, 0.012, 4)
 
 
+def test_no_swing_of_the_arm_shakes_the_object_in_the_squeeze(allegro_panda, tmp_path):
+    grasp = run_text(NAME, "random_seed: 3, simulation_duration: 7.0", tmp_path).summary["grasp"]
+    assert max(grasp["squeeze_motion_mm"], grasp["slip_lift_mm"]) < 0.8
+
+
 def test_two_fingers_and_the_thumb_lift_when_the_third_is_lost(allegro_panda, tmp_path):
     lost = f"damage: [{{at: 2.0, contacts: [0]}}], {QUIET}, simulation_duration: 7.0"
     grasp = run_text(NAME, lost, tmp_path).summary["grasp"]
