@@ -23,8 +23,8 @@ import drake_pregrasp
 from drake_pregrasp.cli import command
 from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.config.validation import is_scalar, scalar_problem
+from drake_pregrasp.interfaces import lcm
 from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.wires import live
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "docs" / "reference"
@@ -209,7 +209,7 @@ def described(system: type) -> dict[tuple[str, str], str]:
 def ports_page() -> str:
     """Returns the page of the ports of all public systems."""
     public = [getattr(drake_pregrasp, name) for name in drake_pregrasp.__all__]
-    public += [getattr(live, name) for name in names_of_wires()]
+    public += [getattr(lcm, name) for name in names_of_interfaces()]
     lines = [
         "# Ports",
         "The ports of the public systems and diagrams, in their order. W is the world, O the "
@@ -290,7 +290,7 @@ def api_page() -> str:
     lines = [
         "# API",
         "The public names of `drake_pregrasp`, by the folder of their source, and those of "
-        "`wires.live`. [Ports](ports.md) and [keys](scenario_keys.md) have pages of their own.",
+        "`interfaces.lcm`. [Ports](ports.md) and [keys](scenario_keys.md) have pages of their own.",
         MADE.format("docstrings"),
     ]
     groups: dict[str, list[str]] = {}
@@ -303,19 +303,19 @@ def api_page() -> str:
         for name in (alias.name for alias in node.names):
             entry = f"- [`{name}`](../../{file}.py): {summary_of(module, name)}"
             groups.setdefault(str(node.module).split(".")[1], []).append(entry)
-    file = "drake_pregrasp/wires/live"
-    groups["wires.live"] = [
-        f"- [`{name}`](../../{file}.py): {summary_of(live, name)}" for name in names_of_wires()
+    file = "drake_pregrasp/interfaces/lcm"
+    groups["interfaces.lcm"] = [
+        f"- [`{name}`](../../{file}.py): {summary_of(lcm, name)}" for name in names_of_interfaces()
     ]
     for group, entries in groups.items():
         lines += [f"## `{group}`", "\n".join(sorted(entries))]
     return "\n\n".join(lines) + "\n"
 
 
-def names_of_wires() -> list[str]:
-    """Returns the public classes and functions of `wires.live`, which needs LCM's messages."""
-    items = vars(live).items()
-    return [n for n, x in items if getattr(x, "__module__", "") == live.__name__ and n[0] != "_"]
+def names_of_interfaces() -> list[str]:
+    """Returns the public classes and functions of `interfaces.lcm`, which needs LCM's messages."""
+    items = vars(lcm).items()
+    return [n for n, x in items if getattr(x, "__module__", "") == lcm.__name__ and n[0] != "_"]
 
 
 def summary_of(module: Any, name: str) -> str:

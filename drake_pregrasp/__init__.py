@@ -41,7 +41,6 @@ from drake_pregrasp.regions.capability_weights import capability_weights
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation.hand_file import load_hand
-from drake_pregrasp.simulation.output import without_solver_chatter
 from drake_pregrasp.simulation.run import RunResult, run
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario, shipped_scenarios
@@ -136,5 +135,4 @@ __all__ = [
     "ring_contacts",
     "run",
     "shipped_scenarios",
-    "without_solver_chatter",
 ]

@@ -8,10 +8,10 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "drake_pregrasp"
 _IN_ORDER = """
     errors version resources arrays geometry quality regions contacts estimation grasping fast
-    wires config robots systems diagrams simulation live studies cli
+    interfaces config robots systems diagrams simulation live studies cli
 """
 FLOORS = _IN_ORDER.split()
-MATHEMATICS = FLOORS[FLOORS.index("geometry") : FLOORS.index("wires")]
+MATHEMATICS = FLOORS[FLOORS.index("geometry") : FLOORS.index("interfaces")]
 FILES = [path for path in PACKAGE.rglob("*.py") if path.parent != PACKAGE or path.stem in FLOORS]
 
 

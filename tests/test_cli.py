@@ -37,10 +37,10 @@ def test_run_says_where_the_results_are(tmp_path, capsys):
 def test_run_from_a_file_with_drakes_flags(tmp_path):
     file = tmp_path / "mine.yaml"
     file.write_text("_hidden: &d {description: anchored}\none: {<<: *d}\ntwo: {<<: *d}\n")
-    flags = ["--scenario_file", str(file), "--scenario_name", "two", "--out", str(tmp_path)]
+    flags = ["two", "--scenario_file", str(file), "--out", str(tmp_path)]
     assert main(["run", *flags, "--scenario_text", "{random_seed: 8}", *SHORT]) == 0
     assert json.loads((tmp_path / "two" / "summary.json").read_text())["seed"] == 8
-    assert main(["run", "one", *flags[:2], *flags[4:], *SHORT]) == 0
+    assert main(["run", "one", *flags[1:], *SHORT]) == 0
     assert (tmp_path / "one" / "log.csv").exists()
 
 

@@ -32,4 +32,4 @@ def test_every_key_has_a_meaning_or_a_section(pages):
 
 def test_every_public_name_is_there(pages):
     names = re.findall(r"^- \[`(\w+)`\]\(.*?\): \w", pages["api.md"], flags=re.M)
-    assert {*names, "__version__"} == {*made.drake_pregrasp.__all__, *made.names_of_wires()}
+    assert {*names, "__version__"} == {*made.drake_pregrasp.__all__, *made.names_of_interfaces()}

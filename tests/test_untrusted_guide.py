@@ -20,7 +20,7 @@ CHECKED = (
     "geometry/meshes",
     "geometry/closed_surfaces",
     "estimation/recorded_poses",
-    "wires/pose_files",
+    "interfaces/pose_files",
     "diagrams/model_files",
 )
 

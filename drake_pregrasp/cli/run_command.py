@@ -12,7 +12,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
+from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.live.live_page import serve_live_run
 from drake_pregrasp.simulation.output import INTERRUPTED_STATUS, handling
 from drake_pregrasp.simulation.run import RunResult, run, write_graphviz
@@ -23,11 +23,10 @@ from drake_pregrasp.simulation.schema_check import check_mapping
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
 from drake_pregrasp.systems.loggers import TickRecord
-from drake_pregrasp.systems.run_story import MEASURES
+from drake_pregrasp.systems.run_timeline import MEASURES
 
 _NOISE = 1e-4  # Share of a measure by which noise may change it.
 _DOUBTFUL = 0.5  # Share of tracked ticks below which a run says so.
-_NOT_LIVE = ("overwrite", "no_recording", "mcap", "graphviz")  # Options about a run's files.
 
 
 @contextlib.contextmanager
@@ -155,10 +154,9 @@ def add_command(commands: "argparse._SubParsersAction[Any]") -> None:
     add = parser.add_argument
     add("--overwrite", action="store_true", help="replace a run of another scenario")
     add("--no-recording", action="store_true", help="do not make recording.html")
-    add("--mcap", action="store_true", help="also write run.mcap for Foxglove (extra wire)")
+    add("--mcap", action="store_true", help="also write run.mcap for Foxglove (extra interfaces)")
     add("--graphviz", metavar="FILE", help="write the diagram to this file, without a simulation")
-    add("--live", action="store_true", help="watch and change the run in a browser; no run folder")
-    live = commands.add_parser("live", help="the same as run --live, by default of a_base")
+    live = commands.add_parser("live", help="watch and change a run in a browser")
     live.set_defaults(command=_live)
     add_scenario_options(live)
     film = commands.add_parser("film", help="make an animated picture of a scenario")
@@ -171,7 +169,6 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("scenario", nargs="?", help="name of a shipped scenario, or of an entry of --scenario_file")
     add("--scenario_file", metavar="FILE", help="YAML file with scenarios")
-    add("--scenario_name", metavar="NAME", help="the same as SCENARIO")
     add(
         "--scenario_text",
         metavar="YAML",
@@ -189,7 +186,7 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _live(options: argparse.Namespace) -> int:
-    if not (options.scenario or options.scenario_name or options.scenario_file):
+    if not (options.scenario or options.scenario_file):
         options.scenario = "a_base"
     name, scenario = load_chosen(options)
 
@@ -213,12 +210,6 @@ def _film(options: argparse.Namespace) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    if options.live:
-        given = [name for name in _NOT_LIVE if getattr(options, name)]
-        if given:
-            refused = ", ".join(f"--{name.replace('_', '-')}" for name in given)
-            raise InvalidArgumentError(f"--live writes no run folder; leave out {refused}")
-        return _live(options)
     name, scenario = load_chosen(options)
     if options.graphviz is not None:
         diagram = make_diagram(scenario, scenario.make_surface())
@@ -242,12 +233,10 @@ def _run(options: argparse.Namespace) -> int:
 def load_chosen(options: argparse.Namespace) -> tuple[str, Scenario]:
     """Returns the name and the scenario that the options choose."""
     file: str | None = options.scenario_file
-    name: str | None = options.scenario or options.scenario_name
-    if options.scenario_name not in (None, name):
-        raise ScenarioError("", name or "", "give one name, here or with --scenario_name")
+    name: str | None = options.scenario
     if name is None:
         if file is None:
-            raise ScenarioError("", "run", "needs a shipped scenario's name, or --scenario_file")
+            raise ScenarioError("", "", "give a shipped scenario's name, or --scenario_file")
         name = only_name(file)
     scenario = load_scenario(name, file=file, text=options.scenario_text, folders=options.allow)
     if options.simulation_duration is not None:

@@ -11,8 +11,8 @@ from drake_pregrasp.estimation.recorded_poses import RecordedPoses
 from drake_pregrasp.geometry import shapes
 from drake_pregrasp.geometry.random_objects import OBJECTS_URL, random_object
 from drake_pregrasp.geometry.solids import BoxSolid
+from drake_pregrasp.interfaces.pose_files import read_poses
 from drake_pregrasp.resources import resolve_path
-from drake_pregrasp.wires.pose_files import read_poses
 
 
 def zeros() -> list[float]:
@@ -241,9 +241,9 @@ class PoseStream:
     """Recorded poses of the object, from a camera or another program."""
 
     # CSV file with the header time,x,y,z,qw,qx,qy,qz: seconds, metres and a unit quaternion, the
-    # pose of the object O in W; or an MCAP file, or the folder of a rosbag2 (extra `wire`). A path
-    # is relative to the folder of the scenario's file; a path after package://drake_pregrasp/ is
-    # relative to the folder of the package's models.
+    # pose of the object O in W; or an MCAP file, or the folder of a rosbag2 (extra `interfaces`). A
+    # path is relative to the folder of the scenario's file; a path after package://drake_pregrasp/
+    # is relative to the folder of the package's models.
     file: str = field(default="", metadata={"required": True, "path": True})
 
     # Topic of the poses in an MCAP file or a rosbag2; empty for the only one.

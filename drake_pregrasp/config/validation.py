@@ -7,7 +7,7 @@ Each field states its range once, in its metadata:
 The rules are `above`, `at_least` and `at_most` (for a number, or for each number of a list),
 `one_of` (for a text, or for each text of a list), `length`, `min_length` and `max_length` (for a
 list; `MAX_LENGTH` by default), `elements` (rules for the elements of a list) and `required`. Python
-constructors apply them through `check_fields`, and YAML files through `simulation.schema_check`.
+constructors apply them through `checked`, and YAML files through `simulation.schema_check`.
 """
 
 import dataclasses
@@ -16,9 +16,11 @@ import operator
 import typing
 from collections.abc import Callable, Mapping
 from numbers import Integral, Real
-from typing import Any
+from typing import Any, TypeVar
 
 from drake_pregrasp.errors import InvalidArgumentError
+
+Config = TypeVar("Config")
 
 MAX_LENGTH = 64
 """Largest number of elements of a list without a rule of its own, as one entry for each contact."""
@@ -81,6 +83,12 @@ def length_problem(length: int, rules: Mapping[str, Any]) -> str | None:
     if length < least:
         return f"a list of at least {least} elements"
     return f"a list of at most {most} elements" if length > most else None
+
+
+def checked(config: Config) -> Config:
+    """Returns a configuration after `check_fields`."""
+    check_fields(config)
+    return config
 
 
 def check_fields(config: Any, key: str = "") -> None:

@@ -342,7 +342,7 @@ def judged_goals(
         nearest, _ = selection.project(goals[unknown])
         off = unknown[np.linalg.norm(nearest - goals[unknown], axis=1) > CONTACT_TOLERANCE]
         limits[off], causes[off], active[off] = Limit.FORBIDDEN, NO_CAUSE, False
-    if not constraints.leaves_every_point and active.any():
+    if not constraints.is_unconstrained and active.any():
         there = np.flatnonzero(active)
         limit, cause = selection.limits_of(there, goals[there])
         barred = limit != Limit.NONE

@@ -1,9 +1,8 @@
 """Input and result of the selection of contact goals, and the status of contacts."""
 
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from enum import EnumType, IntEnum
+from enum import IntEnum
 from functools import cached_property
 from typing import Any
 
@@ -13,18 +12,7 @@ from drake_pregrasp.regions.constraints import LimitFunction, Predicates
 from drake_pregrasp.regions.safe_regions import SafeRegions
 
 
-class _DeprecatedNames(EnumType):
-    """Finds members by the names that they had before."""
-
-    def __getattr__(cls, name: str) -> Any:
-        new = name.replace("_GROUND", "_SURFACE")
-        if new == name or new not in cls.__members__:
-            raise AttributeError(f"{cls.__name__} has no member {name}", name=name, obj=cls)
-        warnings.warn(f"{name} is now {new}", DeprecationWarning, stacklevel=2)
-        return cls.__members__[new]
-
-
-class ContactStatus(IntEnum, metaclass=_DeprecatedNames):
+class ContactStatus(IntEnum):
     """Status of a contact at a tick.
 
     Above zero the contact is active: its goal lies on the allowed surface, has a safe region and

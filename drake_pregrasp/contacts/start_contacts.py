@@ -60,7 +60,8 @@ class HandOverObject:
         p_AO: Position of the object's origin in A, shape (3,), in metres.
         in_workspace: Function from a yaw and centres of each fingertip in O, shape (n, k, 3), to
             the mask of those that its joints reach, shape (n, k).
-        care: Factor of the costs of places at the edge of reach, and under parts of the object.
+        clearance_weight: Factor of the costs of places at the edge of reach, and under parts of the
+            object.
     """
 
     constraints_at: Callable[[float], RegionConstraints]
@@ -76,7 +77,7 @@ class HandOverObject:
     holds_palm: Callable[[float], bool] = lambda yaw: True
     p_AO: FloatArray = field(default_factory=lambda: np.zeros(3))
     in_workspace: Callable[[float, FloatArray], BoolArray] = lambda _, p: np.full(p.shape[:2], True)
-    care: float = 1.0
+    clearance_weight: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,34 +131,34 @@ def choose_start_contacts(
             return fine.contacts_of(best)
         held = f"hold {best.load:.2g} of its weight with friction {hand.friction:g}"
     problem = NoGraspError(Lack.FRICTION, f"the best contacts {held}") if grasps else coarse.lack()
-    if problem.lack in (Lack.FRICTION, Lack.ROOM) and hand.care > 0:
-        return choose_start_contacts(surface, solid, replace(hand, care=0.0))
+    if problem.lack in (Lack.FRICTION, Lack.ROOM) and hand.clearance_weight > 0:
+        return choose_start_contacts(surface, solid, replace(hand, clearance_weight=0.0))
     raise problem
 
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """Seats of the fingers at a yaw of the palm.
+    """Assignment of candidates to fingers at a yaw of the palm.
 
-    A seat is the index of a finger's candidate, or `_AWAY`. Bounds contain an upper bound of the
-    margin; the last trials have exact margins, loads and scores.
+    `assigned_candidates` holds the index of each finger's candidate, or `_AWAY`. Bounds contain an
+    upper bound of the margin; the last trials have exact margins, loads and scores.
     """
 
     yaw: float
-    seats: IntArray
+    assigned_candidates: IntArray
     bound: float
     margin: float = 0.0
     load: float = 0.0
     score: float = 0.0
 
     @property
-    def seated(self) -> IntArray:
-        """Fingers with a seat."""
-        return np.flatnonzero(self.seats != _AWAY)
+    def assigned_fingers(self) -> IntArray:
+        """Fingers with a candidate."""
+        return np.flatnonzero(self.assigned_candidates != _AWAY)
 
 
 class _Search:
-    """Candidates as seats for the fingers of a hand.
+    """Candidates for the fingers of a hand.
 
     Args:
         surface: The object's surface.
@@ -233,56 +234,56 @@ class _Search:
         radius = float(np.mean(np.linalg.norm(from_axis, axis=1)))
         away = self._ways[0] - home[:, None] - (self._p_OCoM @ self._up) * self._up
         costs: FloatArray = _COMFORT * np.linalg.norm(away, axis=2) / radius
-        costs += _FLAT * self._slopes + self._hand.care * self._cover
-        for turn in (-_RESERVE, _RESERVE) if self._hand.care else ():
+        costs += _FLAT * self._slopes + self._hand.clearance_weight * self._cover
+        for turn in (-_RESERVE, _RESERVE) if self._hand.clearance_weight else ():
             turned = self._hand.constraints_at(yaw + turn)
             limits = [turned.limits_at(i, self._p, self._normals)[0] for i in range(self._n)]
-            costs += self._hand.care * _EDGE * (np.array(limits) == Limit.REACH)
+            costs += self._hand.clearance_weight * _EDGE * (np.array(limits) == Limit.REACH)
         return costs
 
     def settled(self, yaw: float, before: IntArray | None = None) -> _Trial:
-        """Returns a trial at a yaw, in which fingers at first keep the seats that are permitted."""
+        """Returns a trial at a yaw, in which fingers at first keep permitted candidates."""
         free, discomforts = self.limits_at(yaw) == Limit.NONE, self.discomforts_at(yaw)
-        fingers, seats = np.arange(self._n), np.full(self._n, _AWAY)
+        fingers, assigned = np.arange(self._n), np.full(self._n, _AWAY)
         if before is not None:
-            seats = np.where(free[fingers, before], before, _AWAY)
+            assigned = np.where(free[fingers, before], before, _AWAY)
         for finger in np.argsort(np.sum(free, axis=1), kind="stable").tolist():
-            choices = np.flatnonzero(free[finger] & self._has_room(finger, seats))
-            if seats[finger] == _AWAY and len(choices):
-                seats[finger] = choices[np.argmin(discomforts[finger, choices])]
-        seated, bound = np.flatnonzero(seats != _AWAY), -np.inf
+            choices = np.flatnonzero(free[finger] & self._has_room(finger, assigned))
+            if assigned[finger] == _AWAY and len(choices):
+                assigned[finger] = choices[np.argmin(discomforts[finger, choices])]
+        assigned_fingers, bound = np.flatnonzero(assigned != _AWAY), -np.inf
         for _ in range(self._sweeps):
             last = bound
-            for finger in seated.tolist():
-                choices = np.flatnonzero(free[finger] & self._has_room(finger, seats))
-                others = seated[seated != finger]
+            for finger in assigned_fingers.tolist():
+                choices = np.flatnonzero(free[finger] & self._has_room(finger, assigned))
+                others = assigned_fingers[assigned_fingers != finger]
                 discomfort = discomforts[finger, choices] + np.sum(
-                    discomforts[others, seats[others]]
+                    discomforts[others, assigned[others]]
                 )
-                bounds = self._bounds(finger, seats, choices) - discomfort / self._n
-                seats[finger], bound = choices[np.argmax(bounds)], float(np.max(bounds))
+                bounds = self._bounds(finger, assigned, choices) - discomfort / self._n
+                assigned[finger], bound = choices[np.argmax(bounds)], float(np.max(bounds))
             if bound <= last:
                 break
-        return _Trial(yaw, seats, bound + _FINGER * len(seated))
+        return _Trial(yaw, assigned, bound + _FINGER * len(assigned_fingers))
 
-    def _has_room(self, finger: int, seats: IntArray) -> BoolArray:
+    def _has_room(self, finger: int, assigned: IntArray) -> BoolArray:
         """Returns the mask of candidates with room beside the other fingertips, shape (K,)."""
         room = np.ones(len(self._p), dtype=bool)
-        for other in np.flatnonzero(seats != _AWAY).tolist():
+        for other in np.flatnonzero(assigned != _AWAY).tolist():
             if other != finger:
-                seat, least = seats[other], self._room[finger, other]
-                away = self._level[finger] - self._level[other, seat]
+                candidate, least = assigned[other], self._room[finger, other]
+                away = self._level[finger] - self._level[other, candidate]
                 room &= np.linalg.norm(away, axis=1) > least
-                is_apart = np.linalg.norm(self._p - self._p[seat], axis=1) > least
-                room &= is_apart | (self._normals @ self._normals[seat] < OPPOSITE)
+                is_apart = np.linalg.norm(self._p - self._p[candidate], axis=1) > least
+                room &= is_apart | (self._normals @ self._normals[candidate] < OPPOSITE)
         return room
 
-    def _bounds(self, finger: int, seats: IntArray, choices: IntArray) -> FloatArray:
+    def _bounds(self, finger: int, assigned: IntArray, choices: IntArray) -> FloatArray:
         """Returns bounds of the margin with a finger at each choice, in [-1, 1], shape (k,)."""
-        seated = np.flatnonzero(seats != _AWAY)
+        assigned_fingers = np.flatnonzero(assigned != _AWAY)
         bounds = moved_least_norm_margin(
-            *self._cones(seats[seated]),
-            moved=int(np.searchsorted(seated, finger)),
+            *self._cones(assigned[assigned_fingers]),
+            moved=int(np.searchsorted(assigned_fingers, finger)),
             p_CoMQ=self._arms[choices],
             nhat_Q=self._normals[choices],
         )
@@ -292,44 +293,54 @@ class _Search:
     def grasp_at(self, yaw: float) -> _Trial | None:
         """Returns a grasp near a yaw; None if it has too few fingers or no force closure."""
         trial = self.settled(yaw)
-        for _ in range(_TURNS if len(trial.seated) >= self._hand.least_fingers else 0):
+        for _ in range(_TURNS if len(trial.assigned_fingers) >= self._hand.least_fingers else 0):
             turned = self._turned(trial)
-            permitted = self.limits_at(turned)[trial.seated, trial.seats[trial.seated]]
+            permitted = self.limits_at(turned)[
+                trial.assigned_fingers, trial.assigned_candidates[trial.assigned_fingers]
+            ]
             if np.all(permitted == Limit.NONE):
                 return self._judged(replace(trial, yaw=turned))
-            trial = self.settled(turned, trial.seats)
+            trial = self.settled(turned, trial.assigned_candidates)
         return None
 
     def _turned(self, trial: _Trial) -> float:
         """Returns the yaw to which the palm turns with the contacts, in radians."""
         hand = self._hand
-        p_AT = self._p[self._nearest_seats(trial)] @ hand.R_AO.T + hand.p_AO
+        p_AT = self._p[self._nearest_candidates(trial)] @ hand.R_AO.T + hand.p_AO
         return palm_turn(p_AT, hand.azimuths, trial.yaw, hand.yaw_range)
 
-    def _nearest_seats(self, trial: _Trial) -> IntArray:
-        """Returns the seats, and for fingers that stay away the candidates nearest to home."""
+    def _nearest_candidates(self, trial: _Trial) -> IntArray:
+        """Returns the assigned candidates, or those nearest to home for fingers that stay away."""
         closed = self.limits_at(trial.yaw) == Limit.FORBIDDEN
         nearest = np.argmin(np.where(closed, np.inf, self.discomforts_at(trial.yaw)), axis=1)
-        return np.where(trial.seats == _AWAY, nearest, trial.seats)
+        return np.where(trial.assigned_candidates == _AWAY, nearest, trial.assigned_candidates)
 
     def _judged(self, trial: _Trial) -> _Trial | None:
         """Returns a trial with its margin, without fingers that lower it; None if there is none."""
         hand, fingers = self._hand, np.arange(self._n)
-        if len(trial.seated) < hand.least_fingers or not hand.holds_palm(trial.yaw):
+        if len(trial.assigned_fingers) < hand.least_fingers or not hand.holds_palm(trial.yaw):
             return None
-        trial = replace(trial, margin=self._margin(trial.seats))
-        while len(trial.seated) > hand.least_fingers:
-            fewer = [np.where(fingers == i, _AWAY, trial.seats) for i in trial.seated]
-            margins = [self._margin(seats) for seats in fewer]
+        trial = replace(trial, margin=self._margin(trial.assigned_candidates))
+        while len(trial.assigned_fingers) > hand.least_fingers:
+            fewer = [
+                np.where(fingers == i, _AWAY, trial.assigned_candidates)
+                for i in trial.assigned_fingers
+            ]
+            margins = [self._margin(assigned) for assigned in fewer]
             if max(margins) <= trial.margin + _FINGER:
                 break
-            trial = replace(trial, seats=fewer[int(np.argmax(margins))], margin=max(margins))
+            trial = replace(
+                trial, assigned_candidates=fewer[int(np.argmax(margins))], margin=max(margins)
+            )
         if trial.margin <= 0:
             return None
-        seated, seats = trial.seated, trial.seats[trial.seated]
-        load = self._load(trial.seats)
-        score = trial.margin + _LOAD * min(load, _STRONG) + _FINGER * len(seated)
-        score -= float(np.sum(self.discomforts_at(trial.yaw)[seated, seats])) / self._n
+        assigned_fingers, assigned = (
+            trial.assigned_fingers,
+            trial.assigned_candidates[trial.assigned_fingers],
+        )
+        load = self._load(trial.assigned_candidates)
+        score = trial.margin + _LOAD * min(load, _STRONG) + _FINGER * len(assigned_fingers)
+        score -= float(np.sum(self.discomforts_at(trial.yaw)[assigned_fingers, assigned])) / self._n
         score -= _TURN * abs(trial.yaw - hand.yaw)
         return replace(trial, load=load, score=score)
 
@@ -343,33 +354,41 @@ class _Search:
         before, strong = 0.0, trial
         while before < strong.load < _ENOUGH:
             before = strong.load
-            for finger in strong.seated.tolist():
-                room = np.flatnonzero(free[finger] & self._has_room(finger, strong.seats))
-                gaps = np.linalg.norm(self._p[room] - self._p[strong.seats[finger]], axis=1)
-                for seat in room[np.argsort(gaps)[:_NEIGHBOURS]].tolist():
-                    seats = np.where(np.arange(self._n) == finger, seat, strong.seats)
-                    if (load := self._load(seats)) > strong.load:
-                        strong = replace(strong, seats=seats, load=load)
+            for finger in strong.assigned_fingers.tolist():
+                room = np.flatnonzero(
+                    free[finger] & self._has_room(finger, strong.assigned_candidates)
+                )
+                gaps = np.linalg.norm(
+                    self._p[room] - self._p[strong.assigned_candidates[finger]], axis=1
+                )
+                for candidate in room[np.argsort(gaps)[:_NEIGHBOURS]].tolist():
+                    assigned = np.where(
+                        np.arange(self._n) == finger, candidate, strong.assigned_candidates
+                    )
+                    if (load := self._load(assigned)) > strong.load:
+                        strong = replace(strong, assigned_candidates=assigned, load=load)
         return self._judged(strong) or trial
 
-    def _load(self, seats: IntArray) -> float:
-        fingers = np.flatnonzero(seats != _AWAY)
+    def _load(self, assigned: IntArray) -> float:
+        fingers = np.flatnonzero(assigned != _AWAY)
         return largest_load(
-            *self._cones(seats[fingers]),
+            *self._cones(assigned[fingers]),
             wrench=self._hand.wrench,
             normal_forces=self._hand.normal_forces[:, fingers],
         )
 
-    def _margin(self, seats: IntArray) -> float:
-        return min_weight_margin(*self._cones(seats[seats != _AWAY]))
+    def _margin(self, assigned: IntArray) -> float:
+        return min_weight_margin(*self._cones(assigned[assigned != _AWAY]))
 
     def _cones(self, taken: IntArray) -> tuple[FloatArray, FloatArray, float]:
         return self._arms[taken], self._normals[taken], self._hand.friction
 
     def contacts_of(self, trial: _Trial) -> StartContacts:
         """Returns the contacts of a trial."""
-        p_OC = self._p[self._nearest_seats(trial)]
-        return StartContacts(p_OC, trial.seats != _AWAY, trial.yaw, trial.margin, trial.score)
+        p_OC = self._p[self._nearest_candidates(trial)]
+        return StartContacts(
+            p_OC, trial.assigned_candidates != _AWAY, trial.yaw, trial.margin, trial.score
+        )
 
     def lack(self) -> NoGraspError:
         """Returns what is missing, if there is no grasp."""
@@ -390,11 +409,12 @@ class _Search:
         if one_sided and np.any(opposite):
             detail = "at no yaw of the palm do fingers reach two opposite sides of it"
             return NoGraspError(Lack.OPENING, detail)
-        seated = max(len(self.settled(yaw).seated) for yaw in self.yaws())
+        assigned_fingers = max(len(self.settled(yaw).assigned_fingers) for yaw in self.yaws())
         _, one_sided = lacks([at == Limit.NONE for at in limits])
-        if seated < least or (one_sided and np.any(opposite)):
-            where = " on two opposite sides" if seated >= least else ""
-            detail = f"at most {seated} fingertips have room beside each other, table and object"
+        if assigned_fingers < least or (one_sided and np.any(opposite)):
+            where = " on two opposite sides" if assigned_fingers >= least else ""
+            detail = f"at most {assigned_fingers} fingertips have room beside each other"
+            detail = f"{detail}, table and object"
             return NoGraspError(Lack.ROOM, f"{detail}{where}; {least} are needed")
         detail = f"no contacts in reach have force closure with friction {friction:g}"
         return NoGraspError(Lack.FRICTION, detail)

@@ -82,7 +82,6 @@ class HandController(Diagram):
         p_OC: Initial contacts in O, in the order of the fingers, shape (n, 3), in metres.
         target_period: Seconds between ticks of the planner.
         plant_time_step: Time step of the hand's plant, in seconds.
-        object_top: Deprecated, without effect.
 
     Raises:
         InvalidArgumentError: If an argument or a field of `config` is out of its range, an initial
@@ -105,7 +104,6 @@ class HandController(Diagram):
         p_OC: FloatArray,
         target_period: float,
         plant_time_step: float,
-        object_top: float | None = None,
     ) -> None:
         super().__init__()
         tip_frames = hand.kinematics.tip_frames
@@ -145,7 +143,6 @@ class HandController(Diagram):
                 withdrawn_radii=hand.withdrawn_radii,
                 X_LA=hand.X_LA,
                 p_OCoM=p_OCoM,
-                object_top=object_top,
             ),
         )
         palm: dict[str, Any] = {
@@ -220,7 +217,7 @@ class HandController(Diagram):
             (posture, "nominal_posture", [kinematics]),
             (reference, "position velocity", [kinematics]),
             (kinematics, "commanded_velocity", [reference]),
-            (kinematics, "hindered_finger", [sequencer]),
+            (kinematics, "blocked_finger", [sequencer]),
             (sequencer, "squeeze_forces:f_T_W force_limits", [reference]),
             (shaper, "contact_frames", [sequencer]),
             (sensor, "p_WT f_T_W J_WT", [sequencer]),

@@ -23,7 +23,7 @@ from drake_pregrasp.diagrams.model_files import CheckedModel, checked_model
 from drake_pregrasp.errors import InvalidArgumentError, first_line
 from drake_pregrasp.resources import resolve_path, resource_folder
 from drake_pregrasp.robots.robot_models import ROBOTS_URL, cache_folder, robot_model
-from drake_pregrasp.robots.urdf_mending import DRAKE
+from drake_pregrasp.robots.urdf_repair import DRAKE
 
 
 @contextlib.contextmanager

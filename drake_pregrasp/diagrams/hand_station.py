@@ -149,7 +149,7 @@ TABLE = MovingSolid(HalfSpace(np.zeros(3), np.array([0.0, 0.0, 1.0])), np.zeros(
 
 
 @dataclass(frozen=True, eq=False)
-class DrivenHand:
+class SimulatedHand:
     """A hand in a diagram that is being built.
 
     Attributes:
@@ -163,7 +163,7 @@ class DrivenHand:
     tip_frames: list[str]
 
 
-def add_driven_hand(
+def add_simulated_hand(
     builder: DiagramBuilder,
     object_config: ObjectConfig,
     motion_config: MotionConfig,
@@ -175,7 +175,7 @@ def add_driven_hand(
     p_OC: FloatArray,
     target_period: float,
     obstacles: Sequence[MovingSolid] = (),
-) -> DrivenHand:
+) -> SimulatedHand:
     """Adds a plant with object and hand, and the hand's controller; connects them.
 
     Args:
@@ -225,4 +225,4 @@ def add_driven_hand(
     )
     connect(builder, station, "hand_state net_actuation", controller)
     connect(builder, controller, "desired_state", station)
-    return DrivenHand(station, controller, hand.kinematics.tip_frames)
+    return SimulatedHand(station, controller, hand.kinematics.tip_frames)

@@ -29,7 +29,7 @@ from drake_pregrasp.resources import (
     resource_folder,
 )
 from drake_pregrasp.robots.robot_meshes import write_obj
-from drake_pregrasp.robots.urdf_mending import DRAKE
+from drake_pregrasp.robots.urdf_repair import DRAKE
 
 MAX_MODEL_BYTES = 5_000_000
 """Largest size of a model, in bytes."""

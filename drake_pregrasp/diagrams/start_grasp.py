@@ -130,7 +130,9 @@ def start_contacts_of(
             least_fingers=GraspSettings.least_fingers,
             holds_palm=lambda yaw: _holds_palm(hand, config, poses, p_OCoM, yaw),
             in_workspace=lambda yaw, p_OT: hand.in_workspace((p_OT - p_OA) @ R_OA @ _turned(yaw)),
-            care=float(hand.X_LA.IsExactlyIdentity()),  # Fingers from the side reach around.
+            clearance_weight=float(
+                hand.X_LA.IsExactlyIdentity()
+            ),  # Fingers from the side reach around.
         ),
     )
 

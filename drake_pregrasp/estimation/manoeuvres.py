@@ -21,7 +21,7 @@ from drake_pregrasp.estimation.pose_track import (
     unpack_belief,
 )
 
-TELLING = 3.0
+MANOEUVRE_GATE = 3.0
 """Standard deviations from its prediction beyond which a measurement may tell of a manoeuvre."""
 
 _LONGEST_SURPRISE = 0.2  # Seconds for which a sudden acceleration is assumed at most.
@@ -81,13 +81,13 @@ def find_manoeuvre(
     """
     seen, start = track.recent[:, :MEASUREMENT_SIZE], _start_of(track, 2)
     step, assumed = settings.step, (settings.p_OCoM, track.noise_factor)
-    if start and is_outlier and track.innovation_squared.max() > TELLING**2:
+    if start and is_outlier and track.innovation_squared.max() > MANOEUVRE_GATE**2:
         noise = settings.sudden
         first = noise.acceleration, noise.angular_acceleration
         pair = Replay(seen[-2:], step.replay(start, seen[-2:], first, noise, *assumed))
         before, last = pair.squared.max(axis=1)
         is_short = track.last_seen[0] - start.time <= _LONGEST_SURPRISE
-        if is_short and before <= settings.gate_squared and last <= TELLING**2:
+        if is_short and before <= settings.gate_squared and last <= MANOEUVRE_GATE**2:
             return pair
     squared = np.minimum(track.recent[:, MEASUREMENT_SIZE:], _LARGEST_SQUARE)
     squared = squared[::-1].cumsum(axis=0)  # Row k: sum of the newest k + 1.

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from drake_pregrasp.arrays import BoolArray, is_valid_pose, pack
-from drake_pregrasp.estimation.manoeuvres import TELLING, find_manoeuvre
+from drake_pregrasp.estimation.manoeuvres import MANOEUVRE_GATE, find_manoeuvre
 from drake_pregrasp.estimation.pose_filter import (
     NO_BELIEF,
     Innovation,
@@ -95,8 +95,10 @@ def update_track(
     is_expected = is_expected or bool((new.squared <= settings.gates_squared(earlier)).all())
     steps = np.concatenate([seen, pack(posterior)])[None]
     recent[-1, MEASUREMENT_SIZE:] = new.squared
-    is_telling = settings.gate > 0 and track.is_locked and not is_late and largest > TELLING**2
-    if is_telling and (manoeuvre := find_manoeuvre(track, new, not is_expected, settings)):
+    exceeds_gate = (
+        settings.gate > 0 and track.is_locked and not is_late and largest > MANOEUVRE_GATE**2
+    )
+    if exceeds_gate and (manoeuvre := find_manoeuvre(track, new, not is_expected, settings)):
         steps, new, is_expected = manoeuvre.steps(), manoeuvre.last, True
         recent[-len(steps) :, MEASUREMENT_SIZE:] = manoeuvre.squared
         track = replace(track, support=0)

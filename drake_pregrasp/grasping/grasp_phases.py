@@ -11,8 +11,8 @@ import numpy as np
 
 from drake_pregrasp.arrays import BoolArray
 from drake_pregrasp.grasping.grasp_state import (
-    NOT_HINDERED,
-    STILL,
+    NOT_BLOCKED,
+    RELEASE_SHARE,
     GiveUp,
     GraspPhase,
     GraspSettings,
@@ -31,7 +31,7 @@ CRUSHING = 1.3
 _EASING = 0.2  # Share of the closing speed with which fingers give up their strain.
 
 
-def hindrance(
+def grasp_problem(
     fingers: BoolArray, settings: GraspSettings, squeeze: Callable[[BoolArray], Squeeze]
 ) -> tuple[GiveUp, float] | None:
     """Returns the reason why fingers cannot hold the object, with its detail, or None if they can.
@@ -69,9 +69,9 @@ def next_state(
     asked = min(state.asked, view.time) if view.close else np.inf
     if asked != state.asked:
         state = replace(state, asked=asked)
-    if view.hindered != NOT_HINDERED and state.phase < GraspPhase.BACK_OFF:
-        state = replace(state, reason=GiveUp.HINDERED, detail=float(view.hindered))
-    elif state.reason == GiveUp.HINDERED:
+    if view.blocked != NOT_BLOCKED and state.phase < GraspPhase.BACK_OFF:
+        state = replace(state, reason=GiveUp.BLOCKED, detail=float(view.blocked))
+    elif state.reason == GiveUp.BLOCKED:
         state = replace(state, reason=GiveUp.NONE, detail=0.0)
     if GraspPhase.CLOSE <= state.phase <= GraspPhase.HOLD:
         fault = _fault(state, view, settings)
@@ -103,7 +103,9 @@ def _fault(
 ) -> tuple[GiveUp, float] | None:
     if not view.close:
         return GiveUp.TOLD_TO_OPEN, 0.0
-    if state.phase == GraspPhase.CLOSE and not view.sees:  # The fingers do not hold the object yet.
+    if (
+        state.phase == GraspPhase.CLOSE and not view.is_tracked
+    ):  # The fingers do not hold the object yet.
         return GiveUp.OBJECT_UNSEEN, 0.0
     excess = view.presses - CRUSHING * settings.largest_force
     hardest = int(np.argmax(np.where(np.isnan(excess), -np.inf, excess)))
@@ -133,7 +135,7 @@ def _open(state: GraspState, view: GraspView, reason: GiveUp, detail: float) -> 
 def _approach(state: GraspState, view: GraspView, settings: GraspSettings) -> GraspState:
     """Moves the hand down, or holds its height while the object is not tracked."""
     now = view.time
-    if not view.sees:
+    if not view.is_tracked:
         return replace(state, height=Ramp.at_rest(state.height.value(now)))
     if not state.height.is_over(now):
         return state
@@ -156,7 +158,7 @@ def _track(
     """
     if np.isinf(state.asked):
         return state
-    if not view.sees:
+    if not view.is_tracked:
         waiting = _enter(state, GraspPhase.TRACK, view)
         return replace(waiting, reason=GiveUp.OBJECT_UNSEEN, detail=0.0)
     if state.reason == GiveUp.OBJECT_UNSEEN:
@@ -167,7 +169,7 @@ def _track(
     if is_late and not waited:
         return state
     fingers = view.active & (late <= settings.gate_distance)
-    why_not = hindrance(fingers, settings, squeeze)
+    why_not = grasp_problem(fingers, settings, squeeze)
     if why_not is None:
         closing = _enter(state, GraspPhase.CLOSE, view)
         return replace(closing, active=fingers, reason=GiveUp.NONE, detail=0.0)
@@ -186,7 +188,7 @@ def _close(
     off = np.where(state.active, view.distances, 0.0)
     # Fingers that an accelerating object has left behind move out and regroup.
     regroups = not np.all(off <= settings.gate_distance)
-    least = np.where(state.touched, STILL, 1.0) * settings.touch_force
+    least = np.where(state.touched, RELEASE_SHARE, 1.0) * settings.touch_force
     feels = (view.presses >= least) & (view.gaps <= settings.search)
     touched = state.active & feels & (not regroups)
     elapsed = view.time - state.since

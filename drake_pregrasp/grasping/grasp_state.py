@@ -13,11 +13,11 @@ from drake_pregrasp.arrays import BoolArray, FloatArray, pack, unpacker
 BASE = -1
 """Index of the palm with its carrier or arm, which belong to no finger."""
 
-NOT_HINDERED = -2
+NOT_BLOCKED = -2
 """Index of the finger that stops a hand which can move."""
 
 
-STILL = 0.2
+RELEASE_SHARE = 0.2
 """Share of the touch force below which a finger no longer touches: its force varies."""
 
 NO_LIMIT = 1e6
@@ -64,7 +64,7 @@ class GiveUp(IntEnum):
         NEEDS_FORCE: A squeeze would balance the weight only above the largest force.
         NEEDS_TORQUE: A squeeze would balance the weight only above the torques of the joints.
         NEEDS_FRICTION: A squeeze would balance the weight only with more friction.
-        HINDERED: No motion keeps all links clear; the hand stands still until there is one.
+        BLOCKED: No motion keeps all links clear; the hand stands still until there is one.
     """
 
     NONE = 0
@@ -79,7 +79,7 @@ class GiveUp(IntEnum):
     NEEDS_FORCE = 9
     NEEDS_TORQUE = 10
     NEEDS_FRICTION = 11
-    HINDERED = 12
+    BLOCKED = 12
 
 
 _IMBALANCE = "no squeeze balances the weight: {:.2f} N are left"
@@ -96,7 +96,7 @@ _REASONS = {
     GiveUp.NEEDS_FORCE: f"{_IMBALANCE} at the largest force",
     GiveUp.NEEDS_TORQUE: f"{_IMBALANCE} at the largest torque of a joint",
     GiveUp.NEEDS_FRICTION: f"{_IMBALANCE} for lack of friction",
-    GiveUp.HINDERED: "no way is clear for the links of finger {:.0f}",
+    GiveUp.BLOCKED: "no way is clear for the links of finger {:.0f}",
 }
 
 
@@ -107,7 +107,7 @@ def describe_give_up(reason: int, detail: float) -> str | None:
         reason: Value of `GiveUp`.
         detail: Index of a finger, number of fingers or force in newtons, for the text.
     """
-    if reason == GiveUp.HINDERED and detail == BASE:
+    if reason == GiveUp.BLOCKED and detail == BASE:
         return "no way is clear for the base of the hand"
     return None if reason == GiveUp.NONE else _REASONS[GiveUp(reason)].format(detail)
 
@@ -346,8 +346,8 @@ class GraspView:
         gaps: Gap between each fingertip and the surface at its contact, shape (n,), in metres.
         presses: Normal force of each fingertip on the object, shape (n,), in newtons; ignored until
             the hand closes.
-        sees: Whether the object is tracked.
-        hindered: Index of the finger that stops the hand, `BASE`, or `NOT_HINDERED`.
+        is_tracked: Whether the object is tracked.
+        blocked: Index of the finger that stops the hand, `BASE`, or `NOT_BLOCKED`.
     """
 
     time: float
@@ -356,8 +356,8 @@ class GraspView:
     distances: FloatArray
     gaps: FloatArray
     presses: FloatArray
-    sees: bool = True
-    hindered: int = NOT_HINDERED
+    is_tracked: bool = True
+    blocked: int = NOT_BLOCKED
 
 
 class Squeeze(NamedTuple):

@@ -131,7 +131,7 @@ class LiveControls:
         while not (self.is_stopped or should_stop()):
             self.apply()
             if not self.is_paused and self._run.time >= self._run.end:
-                self._run.story.tell("end of the scenario: reset, or resume")
+                self._run.timeline.tell("end of the scenario: reset, or resume")
                 self.is_paused, self._run.end = True, float("inf")
             if self.is_paused:
                 time.sleep(_IDLE)
@@ -150,11 +150,11 @@ class LiveControls:
             for _ in range(self._clicks[name] - before):
                 action()
 
-    def story(self) -> dict[str, Any]:
+    def timeline(self) -> dict[str, Any]:
         """Returns what the page shows now."""
         run = self._run
         pace = "paused" if self.is_paused else f"{run.rate:.2f} × real time"
-        return run.story.now() | {"note": f"{pace}, strategy {run.scenario.planner.strategy}"}
+        return run.timeline.now() | {"note": f"{pace}, strategy {run.scenario.planner.strategy}"}
 
     def _add(self) -> None:
         scenario, add = self._run.scenario, self._meshcat.AddSlider
@@ -188,4 +188,4 @@ class LiveControls:
         except OutputError as error:
             told = str(error)
         self._add()
-        self._run.story.tell(told)
+        self._run.timeline.tell(told)

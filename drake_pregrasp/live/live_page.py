@@ -1,4 +1,4 @@
-"""Page of a live run: Meshcat with the run's story over the scene."""
+"""Page of a live run: Meshcat with the run's timeline over the scene."""
 
 import contextlib
 import json
@@ -17,7 +17,7 @@ from drake_pregrasp.live.live_controls import LiveControls
 from drake_pregrasp.live.live_run import LiveRun
 from drake_pregrasp.simulation.recording import start_meshcat
 from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.systems.run_story import OVERLAY
+from drake_pregrasp.systems.run_timeline import OVERLAY
 
 # Meshcat's server is on this machine: a proxy of the environment does not reach it.
 _open = urllib.request.build_opener(urllib.request.ProxyHandler({})).open
@@ -32,12 +32,12 @@ _START = (
 
 
 @contextlib.contextmanager
-def served_page(meshcat: Meshcat, story: Callable[[], dict[str, Any]]) -> Iterator[str]:
+def served_page(meshcat: Meshcat, timeline: Callable[[], dict[str, Any]]) -> Iterator[str]:
     """Serves the page to this machine until the end of the block, and yields its address.
 
     Args:
         meshcat: Viewer of the run.
-        story: Function that returns the story as the page reads it.
+        timeline: Function that returns the timeline as the page reads it.
 
     Raises:
         OutputError: If no port can be opened.
@@ -53,8 +53,8 @@ def served_page(meshcat: Meshcat, story: Callable[[], dict[str, Any]]) -> Iterat
             with contextlib.suppress(OSError, ValueError, HTTPException):
                 if self.path == "/":
                     self.answer("text/html", page.encode())
-                elif self.path == "/story":
-                    self.answer("application/json", json.dumps(story()).encode())
+                elif self.path == "/timeline":
+                    self.answer("application/json", json.dumps(timeline()).encode())
                 elif self.path.startswith("/"):
                     with _open(viewer + self.path) as part:
                         self.answer(part.headers.get_content_type(), part.read())
@@ -103,6 +103,6 @@ def serve_live_run(
     meshcat = start_meshcat(live=True)
     run = LiveRun(scenario, name=name, meshcat=meshcat)
     controls = LiveControls(run, meshcat, out=Path(out))
-    with served_page(meshcat, controls.story) as address:
+    with served_page(meshcat, controls.timeline) as address:
         announce(address)
         controls.serve(should_stop)

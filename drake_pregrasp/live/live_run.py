@@ -19,7 +19,7 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.fault_settings import FOREVER
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.simulation.output import make_folder, write_text
-from drake_pregrasp.simulation.recording import camera_view, make_story, recording_html
+from drake_pregrasp.simulation.recording import camera_view, make_timeline, recording_html
 from drake_pregrasp.simulation.scenario import Scenario, keep_start
 from drake_pregrasp.simulation.scenario_file import dump_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
@@ -47,7 +47,7 @@ class LiveRun:
 
     Attributes:
         scenario: The scenario with all changes so far.
-        story: Story of the run since its start.
+        timeline: Timeline of the run since its start.
         last: Record of the last planning tick.
         end: Time at which the run pauses by itself, in seconds; on a conveyor it does not.
         is_hidden: Whether the sensor does not see the object.
@@ -66,7 +66,7 @@ class LiveRun:
         self.is_hidden, self._is_recording = False, True
         has_end = not isinstance(self._first.motion, Conveyor)
         self.end = self._first.simulation_duration if has_end else math.inf
-        self.story = make_story(self.scenario, self._name, self._camera)
+        self.timeline = make_timeline(self.scenario, self._name, self._camera)
         self._meshcat.DeleteRecording()
         self._simulator = self._simulate()
         self._simulator.Initialize()
@@ -106,7 +106,7 @@ class LiveRun:
     def change(self, edit: Callable[[Scenario], object]) -> None:
         """Changes the scenario, and continues from the present state.
 
-        The story tells why a change is refused, such as a planning rate below that of the sensor.
+        The timeline tells why a change is refused, such as a planning rate below the sensor's.
 
         Args:
             edit: Function that changes the scenario that it gets.
@@ -121,7 +121,7 @@ class LiveRun:
             self._simulator.Initialize()
         except InvalidArgumentError as error:
             self.scenario, self._diagram, self._simulator = before, diagram, simulator
-            self.story.tell(f"refused: {error}")
+            self.timeline.tell(f"refused: {error}")
 
     def set_velocity(self, *, linear: float | None = None, angular: float | None = None) -> None:
         """Changes the velocities of the conveyor, in m/s and rad/s; None keeps one."""
@@ -176,7 +176,7 @@ class LiveRun:
         model = plant.GetModelInstanceByName("object")
         push = [0.0, 0.0, 0.0, _NUDGE * np.cos(angle), _NUDGE * np.sin(angle), 0.0]
         plant.SetVelocities(context, model, plant.GetVelocities(context, model) + push)
-        self.story.tell("object is nudged")
+        self.timeline.tell("object is nudged")
 
     def save(self, out: Path) -> Path:
         """Writes the recording and the scenario to `out/NAME-live`, and returns the recording.
@@ -186,7 +186,7 @@ class LiveRun:
         """
         folder = out / f"{self._name}-live"
         make_folder(folder)
-        page = recording_html(self._meshcat, self.story)
+        page = recording_html(self._meshcat, self.timeline)
         frames = 1 / self.scenario.recording.publish_period
         self._meshcat.SetAnimation(MeshcatAnimation(frames))  # Browsers show the present again.
         if self._is_recording:
@@ -199,7 +199,7 @@ class LiveRun:
 
     def _add_tick(self, record: TickRecord) -> None:
         self.last = record
-        self.story.add_tick(record)
+        self.timeline.add_tick(record)
 
     def _simulate(self) -> Simulator:
         """Returns a simulator of the scenario, whose diagram keeps the drawings of the last one."""
@@ -207,7 +207,7 @@ class LiveRun:
             self.scenario,
             self._surface,
             sink=self._add_tick,
-            grasp_sink=self.story.add_grasp if self.scenario.grasp.has_hand else None,
+            grasp_sink=self.timeline.add_grasp if self.scenario.grasp.has_hand else None,
             meshcat=self._meshcat,
             record=self._is_recording,
             live=True,

@@ -266,7 +266,8 @@ class RegionConstraints:
             for none.
         same_side: Candidates that no wall hides from each contact, shape (n, N). Those behind a
             wall belong to the nearest contact on their own side.
-        fencing: Mask of the object's forbidden points that apply to each contact, shape (n, m).
+        active_forbidden_points: Mask of the object's forbidden points that apply to each contact,
+            shape (n, m).
     """
 
     obstacles: Obstacles = field(default_factory=Obstacles)
@@ -282,10 +283,10 @@ class RegionConstraints:
     finger_measures: FingerMeasures | None = None
     closed: Sequence[Sequence[AxisArea]] = ()
     same_side: BoolArray | None = None
-    fencing: BoolArray | None = None
+    active_forbidden_points: BoolArray | None = None
 
     @cached_property
-    def leaves_every_point(self) -> bool:
+    def is_unconstrained(self) -> bool:
         """Whether `limits_at` permits every point to every contact."""
         blocked = self.obstacles.solids or len(self.obstacles.points) or any(self.closed)
         blocked = blocked or (self.finger_measures is not None and self.finger_measures.is_limiting)

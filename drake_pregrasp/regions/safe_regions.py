@@ -187,15 +187,15 @@ def compute_safe_regions(
     constraints = constraints or UNCONSTRAINED
     c, h = p_OC, contact_weights
     half_spaces, predicates = point_half_spaces(c, forbidden), None
-    if constraints.fencing is not None:
-        applied = np.where(constraints.fencing, half_spaces.bounds, np.inf)
+    if constraints.active_forbidden_points is not None:
+        applied = np.where(constraints.active_forbidden_points, half_spaces.bounds, np.inf)
         half_spaces = replace(half_spaces, bounds=applied)
     parts, obstacles = [half_spaces], constraints.obstacles
     radii = constraints.tip_radii if len(constraints.tip_radii) else np.zeros(len(c))
     if len(constraints.tip_radii) or constraints.tip_gap > 0:
         setbacks = radii + constraints.tip_gap / 2
         parts.append(neighbour_half_spaces(c, h, setbacks, constraints.nhat_OC))
-    if not constraints.leaves_every_point:
+    if not constraints.is_unconstrained:
         margins = radii + constraints.clearance
         predicates = constraints.predicates(len(c))
         now = predicates.solids[:: 1 + len(constraints.later)]

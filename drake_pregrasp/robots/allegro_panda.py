@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.robots import urdf_mending
+from drake_pregrasp.robots import urdf_repair
 from drake_pregrasp.robots.robot_meshes import convert_meshes
 
 PACKAGE = "example-robot-data"
@@ -95,10 +95,10 @@ def write_allegro_panda(
         InvalidArgumentError: If `data` lacks a file, or has one that cannot be read.
     """
     robot = ElementTree.parse(data.find(_PANDA)).getroot()
-    urdf_mending.drop_from(robot, "panda_hand")
-    urdf_mending.add_robot(robot, ElementTree.parse(data.find(_ALLEGRO)).getroot())
-    urdf_mending.weld(robot, "world", "panda_link0", xyz=_BASE_XYZ, rpy=(0.0, 0.0, 0.0))
-    urdf_mending.weld(robot, "panda_link8", "palm_link", xyz=_PALM_XYZ, rpy=_PALM_RPY)
+    urdf_repair.drop_from(robot, "panda_hand")
+    urdf_repair.add_robot(robot, ElementTree.parse(data.find(_ALLEGRO)).getroot())
+    urdf_repair.weld(robot, "world", "panda_link0", xyz=_BASE_XYZ, rpy=(0.0, 0.0, 0.0))
+    urdf_repair.weld(robot, "panda_link8", "palm_link", xyz=_PALM_XYZ, rpy=_PALM_RPY)
     return _write(robot, data, folder / "allegro_panda.urdf", on_progress)
 
 
@@ -115,9 +115,9 @@ def _write(
 ) -> Path:
     """Writes a robot as Drake needs it."""
     robot.set("name", path.stem)
-    urdf_mending.drop_ignored(robot)
-    urdf_mending.mend_inertias(robot)
-    urdf_mending.set_contact(robot, _FRICTION, _STIFFNESS)
+    urdf_repair.drop_ignored(robot)
+    urdf_repair.repair_inertias(robot)
+    urdf_repair.set_contact(robot, _FRICTION, _STIFFNESS)
     convert_meshes(robot, data.find, path.parent, on_progress)
     ElementTree.indent(robot)
     ElementTree.ElementTree(robot).write(path, encoding="utf-8", xml_declaration=True)

@@ -13,7 +13,7 @@ import trimesh
 
 from drake_pregrasp.errors import InvalidArgumentError, first_line
 from drake_pregrasp.geometry.meshes import Color, Piece, plain_color
-from drake_pregrasp.robots.urdf_mending import DRAKE
+from drake_pregrasp.robots.urdf_repair import DRAKE
 
 _EXACT, _SHORT = ".17g", ".5f"  # Formats of coordinates in metres: all digits, or ten micrometres.
 _CREASE = 0.6  # Edges with a larger angle between their faces stay sharp, in radians.

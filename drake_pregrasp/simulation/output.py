@@ -4,7 +4,6 @@ import contextlib
 import fcntl
 import os
 import signal
-import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -114,11 +113,3 @@ def write_text(path: Path, text: str) -> None:
     """
     with writing(path), replacing(path) as partial:
         partial.write_text(text, encoding="utf-8", newline="\n")
-
-
-@contextlib.contextmanager
-def without_solver_chatter() -> Iterator[None]:
-    """Does nothing, because no solver of the package prints; it is deprecated."""
-    message = "without_solver_chatter does nothing; it will be removed in the next version"
-    warnings.warn(message, DeprecationWarning, stacklevel=3)
-    yield

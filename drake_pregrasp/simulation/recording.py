@@ -18,7 +18,7 @@ from drake_pregrasp.errors import OutputError
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
-from drake_pregrasp.systems.run_story import RunStory
+from drake_pregrasp.systems.run_timeline import RunTimeline
 
 # Bright from all sides, so that the regions' colours are distinct on every face, and a little
 # brighter from above, so that hollows and edges are visible.
@@ -171,31 +171,31 @@ def camera_view(scenario: Scenario, *, live: bool = False, follows: bool = True)
     return CameraView(target + scale * direction, target, share, p_WO)
 
 
-def recording_html(meshcat: Meshcat, story: RunStory) -> str:
+def recording_html(meshcat: Meshcat, timeline: RunTimeline) -> str:
     """Ends the recording and returns it as one self-contained page.
 
     Args:
         meshcat: Viewer with the recording.
-        story: Story of the recorded run, which the page shows over the scene.
+        timeline: Timeline of the recorded run, which the page shows over the scene.
     """
     meshcat.StopRecording()
     meshcat.PublishRecording()
     meshcat.SetProperty(_SCENE, "visible", True)
-    return story.added_to(meshcat.StaticHtml())
+    return timeline.added_to(meshcat.StaticHtml())
 
 
-def make_story(scenario: Scenario, name: str, camera: CameraView | None = None) -> RunStory:
-    """Returns the story of a run that begins.
+def make_timeline(scenario: Scenario, name: str, camera: CameraView | None = None) -> RunTimeline:
+    """Returns the timeline of a run that begins.
 
     Args:
         scenario: Checked scenario.
         name: Name of the run, for the title.
-        camera: Initial camera of the page with the story, which follows the object; by default it
-            stays.
+        camera: Initial camera of the page with the timeline, which follows the object; by default
+            it stays.
     """
     title = f"{name}: {scenario.description}" if scenario.description else name
     names, end = scenario.obstacle_names, scenario.planner.static_duration
     view = {} if camera is None else camera._asdict()
     follows = {name: vector.tolist() for name, vector in view.items()}
     n = scenario.num_contacts
-    return RunStory(title, n, static_end=end, obstacle_names=names, camera=follows)
+    return RunTimeline(title, n, static_end=end, obstacle_names=names, camera=follows)

@@ -17,10 +17,12 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
 from drake_pregrasp.errors import OutputError, ScenarioError
+from drake_pregrasp.interfaces import check_installed
+from drake_pregrasp.interfaces.mcap_log import McapLog
 from drake_pregrasp.simulation import output
 from drake_pregrasp.simulation.recording import (
     camera_view,
-    make_story,
+    make_timeline,
     recording_html,
     start_meshcat,
 )
@@ -32,8 +34,6 @@ from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.simulation.summary import plot_metrics, summarize, summarize_grasp
 from drake_pregrasp.systems.drawing import contact_color
 from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
-from drake_pregrasp.wires import check_installed
-from drake_pregrasp.wires.mcap_log import McapLog
 
 MCAP_FILE = "run.mcap"
 """Name of the log for Foxglove, which is made on demand."""
@@ -85,7 +85,7 @@ def run(
         name: Name of the run folder, made of letters, digits, `_`, `-` and `.`.
         out: Parent of the run folders, made if it does not exist.
         recording: Whether to write `recording.html`.
-        mcap: Whether to write `run.mcap`, which Foxglove shows; it needs the extra `wire`.
+        mcap: Whether to write `run.mcap`, which Foxglove shows; it needs the extra `interfaces`.
         overwrite: Whether to replace even a run of another scenario.
         on_tick: Function that is called with each planning tick, which it must not change.
         should_stop: Function that is called after each step; if it returns true, the run ends
@@ -93,7 +93,7 @@ def run(
 
     Raises:
         ScenarioError: If the scenario or the name is invalid.
-        InvalidArgumentError: If a package of the extra `wire` is needed and not installed.
+        InvalidArgumentError: If a package of the extra `interfaces` is needed and not installed.
         OutputError: If the run folder cannot be written, has a run of another scenario, or is in
             use by another run.
     """
@@ -123,7 +123,7 @@ def run(
         _draw_graphviz(folder / "diagram.dot")
         logged.simulate(should_stop)
         if meshcat is not None:
-            output.write_text(folder / "recording.html", recording_html(meshcat, logged.story))
+            output.write_text(folder / "recording.html", recording_html(meshcat, logged.timeline))
         summary = summarize(
             name,
             scenario,
@@ -151,13 +151,13 @@ class LoggedRun:
     Args:
         scenario: Checked scenario to simulate.
         folder: Folder for `log.csv` and, with a hand, `grasp.csv`.
-        name: Name of the run, for the title of its story.
+        name: Name of the run, for the title of its timeline.
         meshcat: Viewer that records the simulation; None for no recording.
         mcap: Whether to write `run.mcap`.
         on_tick: Function that is called with each planning tick, which it must not change.
 
     Attributes:
-        story: Story of the run, for its recording.
+        timeline: Timeline of the run, for its recording.
         log: Log of the planning ticks.
         grasp_log: Log of the control ticks; None without a hand.
         surface: Surface of the object.
@@ -185,7 +185,10 @@ class LoggedRun:
         self._mcap = mcap_log
         self.grasp_log = grasp_log = GraspLog(folder / "grasp.csv", n) if has_hand else None
         camera = None if meshcat is None else camera_view(scenario)
-        self._scenario, self.story = scenario, (story := make_story(scenario, name, camera))
+        self._scenario, self.timeline = (
+            scenario,
+            (timeline := make_timeline(scenario, name, camera)),
+        )
         self.completed, self.wall_seconds = False, 0.0
 
         def add_tick(record: TickRecord) -> None:
@@ -196,7 +199,7 @@ class LoggedRun:
                 named = dict(zip(log.columns, row.tolist(), strict=True))
                 mcap_log.append(named, record.regions.labels)
             if meshcat is not None:
-                story.add_tick(record)
+                timeline.add_tick(record)
             if on_tick is not None:
                 on_tick(record)
 
@@ -204,7 +207,7 @@ class LoggedRun:
             assert grasp_log is not None
             grasp_log.append(record)
             if meshcat is not None:
-                story.add_grasp(record)
+                timeline.add_grasp(record)
 
         self.diagram = make_diagram(
             scenario,

@@ -9,7 +9,12 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from drake_pregrasp.diagrams.hand_station import TABLE, DrivenHand, HandStation, add_driven_hand
+from drake_pregrasp.diagrams.hand_station import (
+    TABLE,
+    HandStation,
+    SimulatedHand,
+    add_simulated_hand,
+)
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.diagrams.wiring import connect
@@ -63,7 +68,7 @@ def make_diagram(
         model = scenario.load_hand_model(scenario.grasp.yaw_range)
         if config.needs_finger_measures:
             finger_measures = model.finger_measures(surface)
-        hand = add_driven_hand(
+        hand = add_simulated_hand(
             builder,
             scenario.object,
             scenario.motion,
@@ -149,7 +154,7 @@ def _add_obstacles(
     builder: DiagramBuilder,
     scenario: Scenario,
     planner: PregraspPlanner,
-    hand: DrivenHand | None,
+    hand: SimulatedHand | None,
     meshcat: Meshcat | None,
 ) -> None:
     solids = [moving_solid(o) for o in scenario.obstacles]
@@ -174,7 +179,7 @@ def _add_obstacles(
 def _connect_hand(
     builder: DiagramBuilder,
     scenario: Scenario,
-    hand: DrivenHand,
+    hand: SimulatedHand,
     planner: PregraspPlanner,
     sink: Callable[[GraspRecord], None] | None,
 ) -> None:

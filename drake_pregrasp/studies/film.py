@@ -15,7 +15,7 @@ from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
 from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.output import make_folder, writing
-from drake_pregrasp.simulation.recording import CameraView, camera_view, make_story
+from drake_pregrasp.simulation.recording import CameraView, camera_view, make_timeline
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.studies import pictures
@@ -23,7 +23,7 @@ from drake_pregrasp.studies.pictures import ByteArray, Light
 from drake_pregrasp.systems.drawing import VOLUME_COLOR, drawn_solid
 from drake_pregrasp.systems.loggers import GraspRecord
 from drake_pregrasp.systems.pregrasp_visualizer import GHOST_COLOR, are_apart
-from drake_pregrasp.systems.run_story import RunStory
+from drake_pregrasp.systems.run_timeline import RunTimeline
 
 _CAMERA = pictures.color_camera((400, 400), 0.46)
 _WIDE_CAMERA = pictures.color_camera((400, 400), 1.31)  # The vertical field of view of Meshcat.
@@ -48,16 +48,16 @@ class SceneCamera:
 
     Args:
         scenario: Scenario to simulate.
-        story: Story that the simulation adds to; by default one that nobody reads.
+        timeline: Timeline that the simulation adds to; by default one that nobody reads.
 
     Attributes:
         records: Records of all control ticks so far.
     """
 
-    def __init__(self, scenario: Scenario, story: RunStory | None = None) -> None:
+    def __init__(self, scenario: Scenario, timeline: RunTimeline | None = None) -> None:
         self.records: list[GraspRecord] = []
         self._scenario = scenario
-        told = story or make_story(scenario, "")
+        told = timeline or make_timeline(scenario, "")
         self._surface, self._drawn = scenario.make_surface(), list[GeometryId]()
 
         def add_record(record: GraspRecord) -> None:
@@ -136,7 +136,7 @@ class SceneCamera:
 def film_scenario(scenario: Scenario, name: str, out: Path) -> Path:
     """Writes the animated picture `out/NAME.webp` of a scenario, and returns its path.
 
-    Like a recording, it has the run's story beside the scene, and is slow at events.
+    Like a recording, it has the run's timeline beside the scene, and is slow at events.
 
     Args:
         scenario: Checked scenario to simulate.
@@ -147,13 +147,13 @@ def film_scenario(scenario: Scenario, name: str, out: Path) -> Path:
         OutputError: If the picture cannot be written.
     """
     make_folder(out)
-    rehearsal = make_story(scenario, name)
+    rehearsal = make_timeline(scenario, name)
     SceneCamera(scenario, rehearsal).advance(scenario.simulation_duration)
-    story = make_story(scenario, name)
-    camera = SceneCamera(scenario, story)
+    timeline = make_timeline(scenario, name)
+    camera = SceneCamera(scenario, timeline)
     events = [time for time, _ in rehearsal.data()["events"] if time > 0]
     frames = [
-        _with_story(camera.picture_at(time), story)
+        _with_timeline(camera.picture_at(time), timeline)
         for time in _picture_times(scenario.simulation_duration, events)
     ]
     return write_film(out / f"{name}.webp", frames)
@@ -181,9 +181,9 @@ def _picture_times(duration: float, events: list[float]) -> Iterator[float]:
         time += _FINE
 
 
-def _with_story(image: ByteArray, story: RunStory) -> Image.Image:
-    """Returns a picture with the present state of the story on its left."""
-    now = story.now()
+def _with_timeline(image: ByteArray, timeline: RunTimeline) -> Image.Image:
+    """Returns a picture with the present state of the timeline on its left."""
+    now = timeline.now()
     height, width, _ = image.shape
     page = Image.new("RGB", (_PANEL + width, height), "white")
     page.paste(Image.fromarray(image), (_PANEL, 0))

@@ -2,15 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import BusValue, Context, DiscreteValues, LeafSystem
 
 from drake_pregrasp.arrays import SLACK, FloatArray, norms, tick_index, validated_covariance
-from drake_pregrasp.config.deprecated_keywords import config_with
-from drake_pregrasp.config.planner_config import BlendConfig, PlannerConfig
+from drake_pregrasp.config.planner_config import PlannerConfig
+from drake_pregrasp.config.validation import checked
 from drake_pregrasp.contacts.centroids import select_contacts, verify_contacts
 from drake_pregrasp.contacts.goal_limits import hold_contacts
 from drake_pregrasp.contacts.reassignment import reassigned_goals, surface_symmetries
@@ -118,14 +117,9 @@ class CentroidSelector(LeafSystem):
         p_OC: FloatArray,
         fingertip_frames: Sequence[str] | None = None,
         weight_function: WeightFunction | None = None,
-        **deprecated: Any,
     ) -> None:
         super().__init__()
-        limits = deprecated.pop("limits", None)
-        if "blend" in deprecated:
-            deprecated["blend"] = BlendConfig(**deprecated["blend"] or {})
-        default = PlannerConfig(static_duration=0.0) if deprecated else PlannerConfig()
-        config = config_with(config, default, deprecated, self)
+        config = checked(config or PlannerConfig())
         p_OC = np.array(p_OC, dtype=float)
         if p_OC.ndim != 2 or p_OC.shape[1] != 3 or len(p_OC) == 0:
             raise InvalidArgumentError(f"p_OC must have shape (n, 3), n >= 1, not {p_OC.shape}")
@@ -154,7 +148,7 @@ class CentroidSelector(LeafSystem):
         self._strategy = weight_function
         self._config, self._surface = config, fast_surface(surface)
         self._limits_at = fast_limits()
-        self._limits = limits or config.limits.make_limits(config.period, config.friction)
+        self._limits = config.limits.make_limits(config.period, config.friction)
 
         self._rule = config.limits.reassign
         self._rule.check(config.limits.reaches(), bool(config.limits.pairs))

@@ -12,7 +12,7 @@ from scipy.linalg.lapack import dposv
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.grasping.fingertip_paths import Pace
-from drake_pregrasp.grasping.grasp_state import BASE, NOT_HINDERED
+from drake_pregrasp.grasping.grasp_state import BASE, NOT_BLOCKED
 from drake_pregrasp.quality.grasp_quality import skew
 from drake_pregrasp.regions.obstacles import ANYWHERE
 from drake_pregrasp.systems import ports
@@ -100,7 +100,7 @@ class DifferentialKinematics(LeafSystem):
         - obstacles
         output_ports:
         - commanded_velocity
-        - hindered_finger
+        - blocked_finger
 
     Port `position` accepts a vector of nq: the reference positions of the joints at the Context's
     time.
@@ -131,8 +131,8 @@ class DifferentialKinematics(LeafSystem):
     acceleration of the joints, and such that links keep their clearances (`HandScene`). If no
     velocity satisfies this, the joints stop with their largest deceleration.
 
-    Port `hindered_finger` emits a vector of 1: the index of the finger that stops the hand, `BASE`,
-    or `NOT_HINDERED`.
+    Port `blocked_finger` emits a vector of 1: the index of the finger that stops the hand, `BASE`,
+    or `NOT_BLOCKED`.
 
     Args:
         scene: The hand and what it must be clear of.
@@ -187,13 +187,13 @@ class DifferentialKinematics(LeafSystem):
         words, calc = "the hand and what is around it", self._calc_placed
         self._placed = ports.declare_context(self, words, scene.diagram, calc, *placing)
         inputs = (self._v, self._posture, self._goals, self._v_WT, self._V_WG, self._V_WO)
-        model, sources = (np.zeros(nq), NOT_HINDERED), (self._placed, *inputs)
+        model, sources = (np.zeros(nq), NOT_BLOCKED), (self._placed, *inputs)
         self._step = step = ports.declare_cache(
             self, "velocities", model, self._calc_step, *sources
         )
         output = partial(ports.declare_output, self)
         output("commanded_velocity", nq, lambda context: step.Eval(context)[0], step)
-        output("hindered_finger", 1, lambda context: step.Eval(context)[1], step)
+        output("blocked_finger", 1, lambda context: step.Eval(context)[1], step)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._pose.store)
 
     def _holding(self, context: Context) -> BoolArray:
@@ -220,7 +220,7 @@ class DifferentialKinematics(LeafSystem):
         clear = self._scene.clearances(placed, screws, V_WO, holding)
         slack = np.concatenate([v - least, most - v, clear.rows @ v - clear.least])
         if np.minimum.reduce(slack) >= -_TOLERANCE:
-            return v, NOT_HINDERED
+            return v, NOT_BLOCKED
         # Both costs are zero at the v from above, which is the minimum without constraints.
         A = np.concatenate([self._each, -self._each, clear.rows])
         b = np.concatenate([least, -most, clear.least])
@@ -228,11 +228,11 @@ class DifferentialKinematics(LeafSystem):
         H = _TRACKING_WEIGHT * J.T @ J + free + _DAMPING**2 * self._each
         solution = constrained_velocity(H, v, A, b)
         if solution is not None:
-            return np.clip(solution, least, most), NOT_HINDERED
+            return np.clip(solution, least, most), NOT_BLOCKED
         stopped = np.clip(0.0, v_last - self._change, v_last + self._change)
         lacking = clear.least - clear.rows @ stopped
-        hinders = int(clear.fingers[np.argmax(lacking)]) if len(lacking) else BASE
-        return stopped, hinders
+        blocking = int(clear.fingers[np.argmax(lacking)]) if len(lacking) else BASE
+        return stopped, blocking
 
     def _bounds(self, q: FloatArray, v_last: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns the smallest and largest velocities that respect the joints' limits."""

@@ -1,16 +1,14 @@
 """Fingertip goals that a hand can follow without collisions, from contact goals."""
 
-import warnings
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BusValue, Context, DiscreteValues, LeafSystem
 
 from drake_pregrasp.arrays import FARTHEST, FloatArray, are_valid
-from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.grasp_config import GraspConfig
+from drake_pregrasp.config.validation import checked
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.rotations import rotation_matrix
@@ -145,13 +143,9 @@ class FingertipGoalShaper(LeafSystem):
         withdrawn_radii: FloatArray | None = None,
         X_LA: RigidTransform = FROM_ABOVE,
         p_OCoM: FloatArray | None = None,
-        **deprecated: Any,
     ) -> None:
         super().__init__()
-        if deprecated.pop("object_top", None) is not None:
-            message = "object_top is deprecated: object_solid has it for all orientations"
-            warnings.warn(message, DeprecationWarning, stacklevel=2)
-        config = config_with(config, GraspConfig(), deprecated, self, {"speed": "goal_speed"})
+        config = checked(config or GraspConfig())
         n = len(tip_frames)
         if np.shape(p_GT) != (n, 3):
             raise InvalidArgumentError(f"p_GT must have shape ({n}, 3), not {np.shape(p_GT)}")

@@ -1,14 +1,12 @@
 """Quality of the grasp that the contact goals would make."""
 
-from typing import Any
-
 from pydrake.common.containers import namedview
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem
 
 from drake_pregrasp.arrays import FloatArray, are_valid_points
-from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.planner_config import MeasuresConfig
+from drake_pregrasp.config.validation import checked
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.grasp_quality import (
     NEED_NORMALS,
@@ -64,10 +62,9 @@ class GraspQualityMonitor(LeafSystem):
         *,
         surface: ObjectSurface,
         num_contacts: int,
-        **deprecated: Any,
     ) -> None:
         super().__init__()
-        config = config_with(config, MeasuresConfig(), deprecated, self)
+        config = checked(config or MeasuresConfig())
         self._surface, self._contact_model = surface, config.contact_model
         self._length = characteristic_length(
             config.length, config.contact_model, surface.longest_lever_arm

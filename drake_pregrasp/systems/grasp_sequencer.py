@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
@@ -12,15 +11,15 @@ from pydrake.multibody.tree import UniformGravityFieldElement
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, norms, pack, unpacker, validated_numbers
-from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.hand_description import Fingertip
+from drake_pregrasp.config.validation import checked
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.geometry.solids import SignedDistance
 from drake_pregrasp.grasping.grasp_phases import next_state
 from drake_pregrasp.grasping.grasp_state import (
     BASE,
-    NOT_HINDERED,
+    NOT_BLOCKED,
     GraspPhase,
     GraspState,
     GraspView,
@@ -56,7 +55,7 @@ class GraspSequencer(LeafSystem):
         - f_T_W
         - tracking_status
         - J_WT
-        - hindered_finger
+        - blocked_finger
         output_ports:
         - X_WG
         - V_WG
@@ -97,8 +96,8 @@ class GraspSequencer(LeafSystem):
     Port `J_WT` (optional) accepts a vector of 3n nq: the Jacobians of the fingertips' velocities in
     W, shape (n, 3, nq). If it is finite, the squeeze is within the largest torques of the joints.
 
-    Port `hindered_finger` (optional) accepts a vector of 1: the finger whose links stop the hand,
-    `BASE`, or `NOT_HINDERED` (`DifferentialKinematics`). The report says so while the hand stands.
+    Port `blocked_finger` (optional) accepts a vector of 1: the finger whose links stop the hand,
+    `BASE`, or `NOT_BLOCKED` (`DifferentialKinematics`). The report says so while the hand stands.
 
     Port `X_WG` emits a `RigidTransform`: the pose of the frame G in which goals are planned. It is
     the estimated pose of O, raised while the hand approaches. When all fingers touch, they stick to
@@ -150,20 +149,12 @@ class GraspSequencer(LeafSystem):
         object_solid: SignedDistance | None = None,
         efforts: FloatArray | None = None,
         palm_axis: FloatArray = _UP,
-        **deprecated: Any,
     ) -> None:
         super().__init__()
-        settings = deprecated.pop("settings", None)
-        if "num_fingers" in deprecated:
-            n = deprecated.pop("num_fingers")
-            radii = np.broadcast_to(deprecated.pop("tip_radius"), n)
-            fingertips = [Fingertip(radius=float(radius)) for radius in radii]
-        config = config_with(
-            config, GraspConfig(), deprecated, self, {"friction": "planned_friction"}
-        )
+        config = checked(config or GraspConfig())
         n = len(fingertips)
         self._config, self._mass, self._p_OCoM = config, mass, np.array(p_OCoM)
-        self._settings = settings or config.make_settings(fingertips)
+        self._settings = config.make_settings(fingertips)
         self._palm_axis, self._lift_axis = palm_axis, config.lift_axis
         self._solid, self._efforts = object_solid, np.empty(0) if efforts is None else efforts
         self._radius = np.array([tip.radius for tip in fingertips])
@@ -182,7 +173,7 @@ class GraspSequencer(LeafSystem):
         self._f_T_W = self.DeclareVectorInputPort("f_T_W", 3 * n)
         tracking_status = self.DeclareVectorInputPort("tracking_status", 1)
         self._J_WT = self.DeclareVectorInputPort("J_WT", 3 * n * len(self._efforts))
-        self._hindered = self.DeclareVectorInputPort("hindered_finger", 1)
+        self._blocked = self.DeclareVectorInputPort("blocked_finger", 1)
         self._pose = ports.LastPose(self, self._X_WO, tracking_status)
         stored, time = self.xd_ticket(), self.time_ticket()
         cache, output = partial(ports.declare_cache, self), partial(ports.declare_output, self)
@@ -295,10 +286,10 @@ class GraspSequencer(LeafSystem):
         distances = norms(p_GT_goal - p_GT)
         active = is_active(self._status.Eval(context))
         close = float(self._close.Eval(context)[0])
-        hindered = NOT_HINDERED
-        if self._hindered.HasValue(context):
-            finger = float(self._hindered.Eval(context)[0])
-            hindered = int(finger) if finger in range(BASE, len(active)) else NOT_HINDERED
+        blocked = NOT_BLOCKED
+        if self._blocked.HasValue(context):
+            finger = float(self._blocked.Eval(context)[0])
+            blocked = int(finger) if finger in range(BASE, len(active)) else NOT_BLOCKED
         view = GraspView(
             time=context.get_time(),
             close=math.isfinite(state.asked) if math.isnan(close) else close > 0.5,
@@ -306,8 +297,8 @@ class GraspSequencer(LeafSystem):
             distances=distances,
             gaps=np.add.reduce((p_GT - p_OC) * nhat, axis=1) - self._radius,
             presses=presses,
-            sees=self._pose.is_tracked(context),
-            hindered=hindered,
+            is_tracked=self._pose.is_tracked(context),
+            blocked=blocked,
         )
         squeeze = partial(self._plan_squeeze, context)
         after = next_state(state, view, self._settings, self._config.period, squeeze)

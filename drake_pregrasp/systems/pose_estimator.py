@@ -1,7 +1,6 @@
 """Estimate of the object's pose, twist and uncertainty from noisy pose measurements."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
@@ -18,8 +17,8 @@ from drake_pregrasp.arrays import (
     unpacker,
     validated_numbers,
 )
-from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.planner_config import EstimatorConfig, tracker_settings
+from drake_pregrasp.config.validation import checked
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation import pose_filter
 from drake_pregrasp.estimation.pose_track import (
@@ -118,10 +117,9 @@ class PoseEstimator(LeafSystem):
         *,
         period: float,
         p_OCoM: FloatArray | None = None,
-        **deprecated: Any,
     ) -> None:
         super().__init__()
-        config = config_with(config, EstimatorConfig(), _unpacked(deprecated), self)
+        config = checked(config or EstimatorConfig())
         if not config.coast_after <= config.lost_after:
             raise InvalidArgumentError(
                 f"coast_after must be at most lost_after, {config.lost_after} s, not"
@@ -268,17 +266,3 @@ class PoseEstimator(LeafSystem):
     def _calc_age(self, context: Context) -> float:
         newest = self._track.Eval(context).newest.time
         return float(max(0.0, context.get_time() - (newest if newest > -np.inf else 0.0)))
-
-
-def _unpacked(deprecated: dict[str, Any]) -> dict[str, Any]:
-    """Returns deprecated keywords as fields of `EstimatorConfig`: `noise` held seven of them."""
-    keywords = {
-        name: 1e6 if name in ("gate", "lost_after") and value == np.inf else value
-        for name, value in deprecated.items()
-        if name != "noise"
-    }
-    if noise := deprecated.get("noise"):
-        for name, value in vars(noise).items():
-            is_std = name not in ("acceleration", "angular_acceleration", "gravity")
-            keywords[f"{name}_std" if is_std else name] = value
-    return keywords

@@ -1,7 +1,6 @@
 """Noisy and possibly faulty measurements of the object's pose, and the noise that they use."""
 
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from pydrake.common import RandomDistribution
@@ -18,8 +17,8 @@ from pydrake.systems.framework import (
 )
 
 from drake_pregrasp.arrays import FloatArray, pack, tick_index, unpacker
-from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.sensor_config import SensorConfig, check_faults
+from drake_pregrasp.config.validation import checked
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation import measurement_faults
 from drake_pregrasp.geometry.rotations import rotation_matrix
@@ -138,12 +137,9 @@ class NoisyPoseSensor(LeafSystem):
         *,
         period: float | None = None,
         seed: int = 0,
-        **deprecated: Any,
     ) -> None:
         super().__init__()
-        if deprecated.get("faults", self) is None:
-            del deprecated["faults"]
-        config = config_with(config, SensorConfig(), deprecated, self)
+        config = checked(config or SensorConfig())
         self._stds = config.position_std, config.orientation_std
         self._faults = config.faults if config.faults.are_any else None
         self._X_WO = self.DeclareAbstractInputPort("X_WO", POSE)

@@ -1,7 +1,6 @@
 """First stage of the planner: a safe region for each contact."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -16,9 +15,8 @@ from drake_pregrasp.arrays import (
     validated_rates,
     validated_weights,
 )
-from drake_pregrasp.config.deprecated_keywords import config_with
-from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.planner_config import PlannerConfig
+from drake_pregrasp.config.validation import checked
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.fast import fast_labels, fast_surface
 from drake_pregrasp.geometry.rotations import rotation_matrix
@@ -127,19 +125,9 @@ class SafeRegionPartitioner(LeafSystem):
         surface: ObjectSurface,
         num_contacts: int,
         finger_measures: FingerMeasures | None = None,
-        **deprecated: Any,
     ) -> None:
         super().__init__()
-        if "closed" in deprecated:
-            deprecated["closed"] = [[a.face for a in areas] for areas in deprecated["closed"]]
-        config = config_with(
-            config,
-            PlannerConfig(limits=LimitsConfig(clearance=0.0)) if deprecated else PlannerConfig(),
-            deprecated,
-            self,
-            {"closed": "limits.forbidden_faces"}
-            | {name: f"limits.{name}" for name in vars(LimitsConfig())},
-        )
+        config = checked(config or PlannerConfig())
         limits = config.limits
         lists = {name: getattr(limits, name) for name in ("tip_radii", "reach", "forbidden_faces")}
         lists |= {f"coordinates[{j}].fingers": c.fingers for j, c in enumerate(config.coordinates)}
@@ -249,12 +237,12 @@ class SafeRegionPartitioner(LeafSystem):
     def _constraints(
         self, context: Context, X_WO: RigidTransform, X_OW: RigidTransform, p_OC: FloatArray
     ) -> RegionConstraints:
-        surface, same_side, fencing = self._surface, None, None
+        surface, same_side, active_forbidden_points = self._surface, None, None
         nhat_OC = np.empty((0, 3))
         if self._wall_test != "none" or len(self._tip_radii):
             _, nhat_OC = surface.project(p_OC)
         if self._wall_test != "none":
-            fencing = normals_agree(nhat_OC, surface.forbidden.normals)
+            active_forbidden_points = normals_agree(nhat_OC, surface.forbidden.normals)
             same_side = normals_agree(nhat_OC, surface.nhat_OQ)
             if self._graph is not None:  # Around a rim, the path to the other side is short.
                 same_side &= self._graph.near_over_the_surface(p_OC, nhat_OC)
@@ -286,7 +274,7 @@ class SafeRegionPartitioner(LeafSystem):
             finger_measures=finger_measures,
             closed=self._closed,
             same_side=same_side,
-            fencing=fencing,
+            active_forbidden_points=active_forbidden_points,
         )
 
     def _hand_pose(

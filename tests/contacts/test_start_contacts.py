@@ -160,8 +160,10 @@ def test_contacts_keep_a_reserve_of_reach_and_avoid_places_under_parts(name, hal
     shape = shape_of(name)
     surface = surface_of(shape)
     counts = []
-    for care in (0.0, 1.0):
-        start, hand = chosen(shape, surface, half_angle=half_angle, care=care)
+    for clearance_weight in (0.0, 1.0):
+        start, hand = chosen(
+            shape, surface, half_angle=half_angle, clearance_weight=clearance_weight
+        )
         counts.append(count(start, surface, hand, shape))
     assert counts[0] > counts[1] == 0
 

@@ -10,7 +10,7 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.framework import DiagramBuilder
 
 from drake_pregrasp import Box, Conveyor, GraspConfig, HandStation, box_surface, ring_contacts
-from drake_pregrasp.diagrams.hand_station import TABLE, add_driven_hand
+from drake_pregrasp.diagrams.hand_station import TABLE, add_simulated_hand
 from drake_pregrasp.systems.link_contacts import TOUCHED
 
 PLANT = MultibodyPlantConfig(time_step=0.005, discrete_contact_approximation="lagged")
@@ -87,7 +87,7 @@ GRASP = GraspConfig()
 def driven():
     surface = box_surface(BOX.size, spacing=0.01, forbidden_faces=["+z", "-z"])
     builder = DiagramBuilder()
-    hand = add_driven_hand(
+    hand = add_simulated_hand(
         builder,
         BOX,
         Conveyor(),

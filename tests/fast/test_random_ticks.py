@@ -100,10 +100,10 @@ def random_constraints(rng, which, p_OC, forbidden, has):
     if "horizon" in has:
         R, p = Rotation.from_rotvec(rng.normal(0, 0.1, 3)).as_matrix(), rng.normal(0, 0.01, 3)
         later = [obstacles.after(t).moved(R, p) for t in (0.1, 0.2)]
-    same_side = fencing = None
+    same_side = active_forbidden_points = None
     if "walls" in has:
         same_side = normals_agree(nhat_OC, surface.nhat_OQ)
-        fencing = normals_agree(nhat_OC, forbidden.normals)
+        active_forbidden_points = normals_agree(nhat_OC, forbidden.normals)
         if rng.random() < 0.2:
             same_side &= GRAPHS[which].near_over_the_surface(p_OC, nhat_OC)
     faces = ("-x", "+x", "-y", "+y", "-z", "+z")
@@ -126,7 +126,7 @@ def random_constraints(rng, which, p_OC, forbidden, has):
         if "closed" in has
         else (),
         same_side=same_side,
-        fencing=fencing,
+        active_forbidden_points=active_forbidden_points,
     )
 
 

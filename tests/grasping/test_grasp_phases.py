@@ -12,7 +12,7 @@ from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.grasping.grasp_phases import next_state
 from drake_pregrasp.grasping.grasp_state import (
     BASE,
-    NOT_HINDERED,
+    NOT_BLOCKED,
     GiveUp,
     GraspPhase,
     GraspState,
@@ -40,7 +40,7 @@ class Scene:
         self.offset, self.active, self.distance = np.broadcast_to(offset, N), active, distance
         self.stiffness = stiffness
         self.force = np.zeros(N)
-        self.sees, self.hindered = True, NOT_HINDERED
+        self.is_tracked, self.blocked = True, NOT_BLOCKED
         self.time = self.residual = 0.0
 
     def view(self, time, close, state):
@@ -51,7 +51,7 @@ class Scene:
         presses += state.touched * SETTINGS.touch_force * (1 - share) + self.force
         gaps = np.maximum(state.standoffs, -self.offset)
         distances = np.broadcast_to(self.distance, N)
-        seen = (self.sees, self.hindered)
+        seen = (self.is_tracked, self.blocked)
         return GraspView(time, close, self.active, distances, gaps, presses, *seen)
 
 
@@ -254,7 +254,7 @@ def unseen(start, end):
     """Loses the object from sight from one time to another."""
 
     def change(scene, state):
-        scene.sees = not start - 1e-9 <= scene.time < end - 1e-9
+        scene.is_tracked = not start - 1e-9 <= scene.time < end - 1e-9
 
     return change
 
@@ -279,7 +279,9 @@ def test_a_closing_that_has_no_hold_opens_when_the_object_is_lost(touched):
     scene = Scene(offset=np.where(np.arange(N) < touched, -0.005, 0.005))
 
     def lose(scene, state):
-        scene.sees &= not (state.phase == GraspPhase.CLOSE and np.sum(state.touched) == touched)
+        scene.is_tracked &= not (
+            state.phase == GraspPhase.CLOSE and np.sum(state.touched) == touched
+        )
 
     states = play(scene, change=lose, end=10.0)
     assert phases(states) == ["APPROACH", "TRACK", "CLOSE", "BACK_OFF"]
@@ -292,7 +294,7 @@ def test_a_closing_that_has_no_hold_opens_when_the_object_is_lost(touched):
 @pytest.mark.parametrize("phase", [GraspPhase.SQUEEZE, GraspPhase.LIFT, GraspPhase.HOLD])
 def test_a_hand_that_holds_goes_on_holding_an_object_that_it_no_longer_sees(phase):
     def lose(scene, state):
-        scene.sees = state.phase < phase
+        scene.is_tracked = state.phase < phase
 
     assert phases(play(Scene(), change=lose)) == WHOLE
 
@@ -327,7 +329,7 @@ def test_a_fingertip_that_is_said_to_be_deep_inside_stops_where_it_is():
 @pytest.mark.parametrize(("finger", "words"), [(2, "finger 2"), (BASE, "the base")])
 def test_a_hand_says_what_hinders_it_for_as_long_as_it_stands(finger, words):
     def hinder(scene, state):
-        scene.hindered = finger if 0.5 <= scene.time < 1.0 else NOT_HINDERED
+        scene.blocked = finger if 0.5 <= scene.time < 1.0 else NOT_BLOCKED
 
     states = play(Scene(), close_at=2.0, change=hinder)
     reasons = [describe_give_up(state.reason, state.detail) for state in states]

@@ -35,7 +35,7 @@ class Page:
             meshcat = start_meshcat(live=True)
             self.run = LiveRun(load_scenario(name, text=text), name=name, meshcat=meshcat)
             self.controls = LiveControls(self.run, meshcat, out=folder)
-            with served_page(meshcat, self.controls.story) as address:
+            with served_page(meshcat, self.controls.timeline) as address:
                 opened.put(address)
                 self.controls.serve()
 
@@ -86,7 +86,7 @@ class Page:
 
     def told(self, text: str) -> None:
         """Waits until the page shows a text."""
-        shown = 'document.getElementById("story").innerText.replace(/\\s+/g, " ")'
+        shown = 'document.getElementById("timeline").innerText.replace(/\\s+/g, " ")'
         self.browser.until(f'{shown}.includes("{text}")')
 
     def pass_time(self, duration: float) -> None:
@@ -170,7 +170,7 @@ def test_buttons_do_what_they_say(page, tmp_path):
     assert run.scenario.planner.strategy == "msv"
     page.click("finger 2: lose / give back")
     page.told("finger 2 out of use")
-    assert run.story.states["2"] == "out of use"
+    assert run.timeline.states["2"] == "out of use"
     page.click("finger 2: lose / give back")
     page.told("finger 2 active")
     page.click("object: hide / show")
@@ -236,6 +236,6 @@ def test_the_page_shows_the_whole_scene(page, tmp_path):
     page.pass_time(4.0)
     image = np.array(Image.open(io.BytesIO(page.browser.picture())).convert("RGB"), dtype=float)
     spread = image.max(axis=2) - image.min(axis=2)
-    scene = np.s_[150:, 360:650]  # Between the story and the controls.
+    scene = np.s_[150:, 360:650]  # Between the timeline and the controls.
     assert np.mean(spread[scene] > 40) > 0.05  # Regions.
     assert np.mean(image[scene].mean(axis=2) < 215) > 0.3  # Object and table.

@@ -74,7 +74,7 @@ def test_a_run_goes_on_after_a_refused_change():
     run = LiveRun(scenario, name="low", meshcat=start_meshcat(live=True))
     period = run.scenario.planner.period
     run.change(lambda scenario: setattr(scenario.planner, "period", 10.0))
-    assert "sample_period" in run.story.now()["events"][-1][1]
+    assert "sample_period" in run.timeline.now()["events"][-1][1]
     assert run.scenario.planner.period == period
     run.advance()
     assert run.time == period
@@ -82,13 +82,13 @@ def test_a_run_goes_on_after_a_refused_change():
 
 @pytest.mark.slow
 def test_the_command_prints_a_local_address_and_serves_until_it_is_interrupted(tmp_path):
-    command = [sys.executable, "-m", "drake_pregrasp", "run", "a_base", "--live"]
+    command = [sys.executable, "-m", "drake_pregrasp", "live", "a_base"]
     with subprocess.Popen([*command, "--out", str(tmp_path)], stdout=subprocess.PIPE) as process:
         words = process.stdout.readline().decode().split()
         address = next(word for word in words if word.startswith("http://localhost:"))
-        with urllib.request.urlopen(f"{address}/story") as answer:
-            story = json.load(answer)
-        assert story["title"].startswith("a_base")
+        with urllib.request.urlopen(f"{address}/timeline") as answer:
+            timeline = json.load(answer)
+        assert timeline["title"].startswith("a_base")
         with urllib.request.urlopen(address) as answer:
             assert b"followRun()" in answer.read()
         process.send_signal(signal.SIGINT)

@@ -167,7 +167,7 @@ def test_relabelling_contacts_relabels_the_result(seed):
             tip_radii=tip_radii[order],
             reach=[FingerReach(BallSolid(centers[k], radii[k])) for k in order],
             same_side=same_side[order],
-            fencing=np.empty((n, 0), dtype=bool),
+            active_forbidden_points=np.empty((n, 0), dtype=bool),
             obstacles=near_obstacles(seed)[0],
             clearance=CLEARANCE,
         )

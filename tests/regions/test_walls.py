@@ -112,10 +112,11 @@ def test_forbidden_surface_behind_a_wall_does_not_fence():
     """The lower side of a plate is forbidden; its upper one is free up to the rims."""
     plate = mesh_surface(box_shape([0.1, 0.1, 0.003]), spacing=0.006, no_touch=[AxisArea("-z")])
     p_OC = np.array([[0.0, 0.0, 0.0015]])
-    fencing = normals_agree(plate.project(p_OC)[1], plate.forbidden.normals)
+    active_forbidden_points = normals_agree(plate.project(p_OC)[1], plate.forbidden.normals)
     top = plate.nhat_OQ[:, 2] > 0.9
     fenced, free = (
-        np.mean(regions_of(plate, p_OC, fencing=own).labels[top] == 0) for own in (None, fencing)
+        np.mean(regions_of(plate, p_OC, active_forbidden_points=own).labels[top] == 0)
+        for own in (None, active_forbidden_points)
     )
     assert fenced < 0.5
     assert free == 1
@@ -125,9 +126,9 @@ def test_forbidden_points_that_fence_are_those_of_the_printed_equations():
     rng = np.random.default_rng(4)
     p_OC = rng.choice(CUBE.p_OQ, 3) + 1e-4 * rng.normal(size=(3, 3))
     z, R = rng.uniform(-0.07, 0.07, (8, 3)), rng.uniform(0, 0.01, 8)
-    fencing = rng.uniform(size=(3, 8)) > 0.5
-    limits = RegionConstraints(fencing=fencing)
+    active_forbidden_points = rng.uniform(size=(3, 8)) > 0.5
+    limits = RegionConstraints(active_forbidden_points=active_forbidden_points)
     result = compute_safe_regions(CUBE.p_OQ, p_OC, np.zeros(3), ForbiddenPoints(z, R), limits)
-    for i, own in enumerate(fencing):
+    for i, own in enumerate(active_forbidden_points):
         printed = safe_region_labels(CUBE.p_OQ, p_OC, np.zeros(3), z[own], R[own])
         np.testing.assert_array_equal(result.labels == i, printed == i)

@@ -18,7 +18,7 @@ pytestmark = [
     pytest.mark.skipif(BROWSER is None, reason="needs Chromium (Debian: chromium)"),
 ]
 
-HIDE = 'document.getElementById("story")?.remove();'
+HIDE = 'document.getElementById("timeline")?.remove();'
 TIME = "--virtual-time-budget=5000"
 
 
@@ -83,14 +83,16 @@ def test_a_recording_tells_what_happens_when_it_happens(recorded_run, base_log, 
         browser.until("window.viewer && viewer.animator.duration > 7")
         for time, is_told in ((3.0, False), (4.2, True), (7.5, False)):
             browser.value(f"viewer.animator.pause(); viewer.animator.seek({time})")
-            browser.until(f'document.getElementById("story-clock").textContent === "{time:.2f} s"')
-            caption = browser.value('document.getElementById("story-caption").textContent')
+            browser.until(
+                f'document.getElementById("timeline-clock").textContent === "{time:.2f} s"'
+            )
+            caption = browser.value('document.getElementById("timeline-caption").textContent')
             assert caption == ("contacts adapt" if is_told else "")
             row = np.flatnonzero(np.isclose(base_log["time"], time))[0]
-            rows = browser.value('document.getElementById("story-rows").innerText')
+            rows = browser.value('document.getElementById("timeline-rows").innerText')
             assert f"{base_log['q_gii'][row]:.4f}" in rows
             assert rows.count("finger") == rows.count("active") == 5
-        browser.value('document.querySelector("#story-events button").click()')
+        browser.value('document.querySelector("#timeline-events button").click()')
         browser.until("viewer.animator.playing && viewer.animator.mixer.timeScale < 1")
     finally:
         browser.close()

@@ -147,9 +147,8 @@ def test_the_command_says_what_failed_and_reports_all_that_is_there(tmp_path, ca
     assert "8 trials, 21 grasps" in page
 
 
-def test_keys_of_version_0_1_still_work(monkeypatch, capsys):
-    with pytest.warns(DeprecationWarning, match="the method frozen is now called fixed_plan"):
-        jobs = trial_jobs(["wall"], ["dynamic", "frozen"], [0])
+def test_methods_are_in_the_order_of_tables_and_unknown_ones_are_refused(capsys):
+    jobs = trial_jobs(["wall"], ["dynamic", "fixed_plan"], [0])
     assert [job.method for job in jobs] == ["fixed_plan", "dynamic"]
-    assert main(["study", "static-versus-dynamic", "--arms", "luck"]) == 2
+    assert main(["study", "static-versus-dynamic", "--methods", "luck"]) == 2
     assert "luck: no such method" in capsys.readouterr().err

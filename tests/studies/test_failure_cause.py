@@ -33,7 +33,7 @@ def cause(records, reason=GiveUp.NONE, statuses=()):
         ([*CLOSED, BACK], GiveUp.PRESSED_TOO_HARD, "pressed too hard"),
         ([*CLOSED, BACK], GiveUp.OBJECT_UNSEEN, "lost from sight"),
         ([*TRACKED, BACK], GiveUp.OFF_GOAL, "not at its goals"),
-        (TRACKED, GiveUp.HINDERED, "links blocked"),
+        (TRACKED, GiveUp.BLOCKED, "links blocked"),
         ([*CLOSED, BACK], GiveUp.OUT_OF_BALANCE, "no balance"),
         ([*CLOSED, BACK], GiveUp.NEEDS_FRICTION, "no balance"),
         ([*LIFTED, BACK], GiveUp.LOST_TOUCH, "slipped"),

@@ -105,7 +105,7 @@ def test_a_film_of_any_scenario_is_slow_at_its_event(tmp_path):
         film.seek(film.n_frames - 1)
         last = np.array(film.convert("RGB"))
     assert colourful(last[:, 250:]) > 0.02
-    assert np.mean(last[:, :250].min(axis=2) < 100) > 0.01  # The story, in dark letters.
+    assert np.mean(last[:, :250].min(axis=2) < 100) > 0.01  # The timeline, in dark letters.
 
 
 def ticks(*statuses):

@@ -12,7 +12,7 @@ import drake_pregrasp as dp
 from drake_pregrasp.config.hand_description import Fingertip
 from drake_pregrasp.config.planner_config import MeasuresConfig
 from drake_pregrasp.config.sensor_config import SensorConfig
-from drake_pregrasp.grasping.grasp_state import NOT_HINDERED
+from drake_pregrasp.grasping.grasp_state import NOT_BLOCKED
 from drake_pregrasp.regions.finger_measures import FingerMeasures
 from drake_pregrasp.systems.sources import HandPose
 
@@ -188,7 +188,7 @@ VALUES = {
     "measurement_time": ([0.0], [-np.inf]),
     "p_WO_covariance": (1e-6 * np.eye(3).ravel(), 1e-2 * np.eye(3).ravel()),
     "tracking_status": ([dp.TrackingStatus.TRACKING], [dp.TrackingStatus.LOST]),
-    "hindered_finger": ([NOT_HINDERED], [1.0]),
+    "blocked_finger": ([NOT_BLOCKED], [1.0]),
     "contact_weights": (np.zeros(N), np.array([0, 0, 0, 0, 1e-2])),
     "finger_coordinates": (0.05 * np.arange(N), np.zeros(N)),
     "candidate_coordinates": (SURFACE.p_OQ[:, 2], SURFACE.p_OQ[:, 0]),

@@ -23,7 +23,7 @@ from pydrake.solvers import MathematicalProgram, Solve
 
 from drake_pregrasp import BoxSolid, HalfSpace, Obstacles, mesh_surface
 from drake_pregrasp.geometry.shapes import revolved_shape
-from drake_pregrasp.grasping.grasp_state import BASE, NOT_HINDERED, GiveUp, describe_give_up
+from drake_pregrasp.grasping.grasp_state import BASE, NOT_BLOCKED, GiveUp, describe_give_up
 from drake_pregrasp.systems.differential_kinematics import (
     DifferentialKinematics,
     constrained_velocity,
@@ -66,17 +66,17 @@ class Follower:
         self.driven = Driven(system, **(fixed | inputs))
 
     def tick(self, **inputs):
-        """Makes a step, and returns the velocity and the finger that hinders."""
+        """Makes a step, and returns the velocity and the finger that blocking."""
         pose = {"X_WG": self.X_WO, "X_WO_estimated": self.X_WO}
         self.driven.fix(position=self.q, velocity=self.v, **(pose | inputs))
-        v, (hinders,) = (
+        v, (blocking,) = (
             self.driven.array("commanded_velocity"),
-            self.driven.array("hindered_finger"),
+            self.driven.array("blocked_finger"),
         )
         assert np.all(np.abs(v) <= HAND.kinematics.rate_limit + ROUNDING)
         assert np.all(np.abs(v - self.v) <= SINGLE + ROUNDING)
         self.q, self.v = self.q + CONTROL_PERIOD * v, v
-        return v, hinders
+        return v, blocking
 
     def distances(self, other):
         """Signed distances between the hand's geometries and one other, by their names."""
@@ -249,8 +249,8 @@ def test_the_palm_gives_way_where_a_link_has_no_room():
     x, y, height = (knee + TIPS[0]) / 2
     wall = BoxSolid(np.array([x + 0.05, y, height / 2]), np.eye(3), np.array([0.1, 0.4, height]))
     for _ in range(150):
-        _, hinders = follower.tick(obstacles=Obstacles((wall,)))
-        assert hinders == NOT_HINDERED
+        _, blocking = follower.tick(obstacles=Obstacles((wall,)))
+        assert blocking == NOT_BLOCKED
     assert np.linalg.norm(follower.q[:4] - HOME[:4]) > 0.005
     np.testing.assert_allclose(HAND.tips_at(follower.q), TIPS, atol=1e-3)
 
@@ -259,8 +259,8 @@ def test_a_hand_without_a_way_stops_says_why_and_goes_on_without_a_jump():
     goals = TIPS + np.array([0.3, 0.0, 0.0])
     follower = Follower(desired_cartesian_poses=bus(goals))
     for _ in range(10):
-        _, hinders = follower.tick()
-        assert hinders == NOT_HINDERED
+        _, blocking = follower.tick()
+        assert blocking == NOT_BLOCKED
     moving = np.max(np.abs(follower.v))
     x = follower.q[0]
     # Two walls, which leave less room than the palm is wide.
@@ -271,27 +271,27 @@ def test_a_hand_without_a_way_stops_says_why_and_goes_on_without_a_jump():
         )
     )
     for _ in range(30):
-        v, hinders = follower.tick(obstacles=narrow)
-        assert hinders != NOT_HINDERED
-        assert describe_give_up(GiveUp.HINDERED, hinders).startswith("no way is clear for the")
+        v, blocking = follower.tick(obstacles=narrow)
+        assert blocking != NOT_BLOCKED
+        assert describe_give_up(GiveUp.BLOCKED, blocking).startswith("no way is clear for the")
     assert moving > 0.05
     np.testing.assert_array_equal(v, 0.0)
     for _ in range(100):
-        v, hinders = follower.tick(obstacles=Obstacles())
-        assert hinders == NOT_HINDERED
+        v, blocking = follower.tick(obstacles=Obstacles())
+        assert blocking == NOT_BLOCKED
     np.testing.assert_allclose(HAND.tips_at(follower.q), goals, atol=1e-3)
-    assert "base" in describe_give_up(GiveUp.HINDERED, BASE)
+    assert "base" in describe_give_up(GiveUp.BLOCKED, BASE)
 
 
 @pytest.mark.parametrize("number", [1e20, np.nan])
 def test_a_step_without_a_solution_stops_the_hand_and_says_so(number):
     follower = Follower()
     for _ in range(3):
-        v, hinders = follower.tick(nominal_posture=np.where(np.arange(NQ) == 3, number, HOME))
-        assert hinders == BASE
+        v, blocking = follower.tick(nominal_posture=np.where(np.arange(NQ) == 3, number, HOME))
+        assert blocking == BASE
         np.testing.assert_array_equal(v, 0.0)
-    _, hinders = follower.tick(nominal_posture=HOME)
-    assert hinders == NOT_HINDERED
+    _, blocking = follower.tick(nominal_posture=HOME)
+    assert blocking == NOT_BLOCKED
 
 
 @pytest.mark.parametrize("distance", [0.0, 0.05, 0.3, 1.0])

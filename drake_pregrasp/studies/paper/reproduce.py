@@ -19,7 +19,7 @@ from drake_pregrasp.studies.paper.paper_figures import figure_2c, figure_4, figu
 from drake_pregrasp.studies.report_page import Heading, Part, Picture, Table, write_report
 from drake_pregrasp.studies.runner import OnProgress
 from drake_pregrasp.studies.study_options import add_report_command, names
-from drake_pregrasp.systems.run_story import MEASURES
+from drake_pregrasp.systems.run_timeline import MEASURES
 
 SEEDS = tuple(range(10))
 """Default seeds of each case."""

@@ -2,7 +2,6 @@
 
 import argparse
 import functools
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,6 @@ NAME = "static-versus-dynamic"  # Name of the study's folder.
 SEEDS = 30  # Default number of seeds.
 
 # Keys of methods in version 0.1, and their present keys.
-FORMER_METHODS = {"frozen": "fixed_plan", "still": "stationary"}
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +33,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         (["--first_seed"], count(0), 0, "K", "first seed"),
         (["--conditions"], names, ",".join(CONDITIONS), "a,b,...", "keys of conditions"),
         # The second flag is that of version 0.1.
-        (["--methods", "--arms"], names, ",".join(METHODS), "a,b,...", "keys of methods"),
+        (["--methods"], names, ",".join(METHODS), "a,b,...", "keys of methods"),
     ):
         text = f"{text}; %(default)s if not set"
         parser.add_argument(*flags, type=kind, default=default, metavar=metavar, help=text)
@@ -58,16 +56,12 @@ def trial_jobs(
 
     Args:
         conditions: Keys of `CONDITIONS`.
-        methods: Keys of `METHODS`, or of `FORMER_METHODS`.
+        methods: Keys of `METHODS`.
         seeds: Seeds of the trials.
 
     Raises:
         InvalidArgumentError: If a condition or method is unknown.
     """
-    for method in FORMER_METHODS.keys() & set(methods):
-        text = f"the method {method} is now called {FORMER_METHODS[method]}"
-        warnings.warn(text, DeprecationWarning, stacklevel=2)
-    methods = [FORMER_METHODS.get(method, method) for method in methods]
     for kind, wanted, known in ("condition", conditions, CONDITIONS), ("method", methods, METHODS):
         for name in wanted:
             if name not in known:

@@ -27,7 +27,7 @@ _CAUSES = {
     GiveUp.NEEDS_FORCE: "no balance",
     GiveUp.NEEDS_TORQUE: "no balance",
     GiveUp.NEEDS_FRICTION: "no balance",
-    GiveUp.HINDERED: "links blocked",
+    GiveUp.BLOCKED: "links blocked",
 }
 _LIMITS = {
     ContactStatus.OUT_OF_REACH: "no reach",

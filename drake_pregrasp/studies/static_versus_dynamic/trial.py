@@ -16,7 +16,7 @@ from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.diagrams.hand_station import TABLE, add_driven_hand
+from drake_pregrasp.diagrams.hand_station import TABLE, add_simulated_hand
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.geometry.surface import ObjectSurface
@@ -192,7 +192,7 @@ class Trial:
         fingers = len(p_OC)
         own_goals = self.method.is_stationary or self.method.is_reactive
         builder = DiagramBuilder()
-        driven = add_driven_hand(
+        driven = add_simulated_hand(
             builder,
             scenario.object,
             scenario.motion,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from drake_pregrasp.errors import InvalidArgumentError, first_line
 from drake_pregrasp.robots.robot_meshes import convert_mesh
-from drake_pregrasp.robots.urdf_mending import drop_from, mend_inertias
+from drake_pregrasp.robots.urdf_repair import drop_from, repair_inertias
 
 ROBOT = """
 <robot name="tree">
@@ -53,16 +53,16 @@ def test_inertias_of_bodies_stay_and_others_lose_their_products(squares, seed):
     R = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
     moment = R @ np.diag([y + z, x + z, x + y]) @ R.T
     inertia = {key: float(moment[place]) for key, place in KEYS.items()}
-    assert mend_inertias(link_with(inertia)) == []
+    assert repair_inertias(link_with(inertia)) == []
     broken = link_with({**inertia, "ixy": inertia["ixx"] + inertia["iyy"]})
-    assert mend_inertias(broken) == ["a"]
+    assert repair_inertias(broken) == ["a"]
     assert broken.find("link/inertial/inertia").get("ixy") == "0"
     assert float(broken.find("link/inertial/inertia").get("ixx")) == inertia["ixx"]
 
 
 def test_links_without_mass_have_no_inertia():
     robot = link_with(dict.fromkeys(KEYS, 0.0), mass=0)
-    assert mend_inertias(robot) == []
+    assert repair_inertias(robot) == []
     assert robot.find("link/inertial") is None
 
 

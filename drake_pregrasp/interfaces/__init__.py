@@ -1,4 +1,4 @@
-"""Wires to other programs: recorded poses, MCAP logs, and messages over LCM (extra `wire`)."""
+"""Interfaces to other programs: recorded poses, MCAP logs, and LCM (extra `interfaces`)."""
 
 import importlib.util
 
@@ -8,7 +8,7 @@ _NEEDED = ("mcap", "rosbags")
 
 
 def check_installed(what: str) -> None:
-    """Raises an error if a package of the extra `wire` is not installed.
+    """Raises an error if a package of the extra `interfaces` is not installed.
 
     Args:
         what: What needs it, for the message.
@@ -18,5 +18,6 @@ def check_installed(what: str) -> None:
     """
     if missing := [name for name in _NEEDED if not importlib.util.find_spec(name)]:
         raise InvalidArgumentError(
-            f"{what} needs {' and '.join(missing)}; pip install 'drake_pregrasp[wire]' brings it"
+            f"{what} needs {' and '.join(missing)};"
+            " pip install 'drake_pregrasp[interfaces]' brings it"
         )

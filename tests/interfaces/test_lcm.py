@@ -22,7 +22,7 @@ from pydrake.systems.primitives import (
 from pydrake.trajectories import PiecewisePolynomial
 
 from drake_pregrasp import AddPregraspPlanner, InvalidArgumentError, PlannerConfig, box_surface
-from drake_pregrasp.wires.live import (
+from drake_pregrasp.interfaces.lcm import (
     ALLEGRO_CHANNEL,
     PANDA_CHANNEL,
     POSE_CHANNEL,
@@ -45,7 +45,7 @@ def send_pose(lcm, utime, x, quaternion=(1.0, 0.0, 0.0, 0.0)):
 
 
 class Loop:
-    """A planner between two wires, whose hand has three joints; the first is not the driver's."""
+    """A planner between two LCM channels; the first of three joints is not the driver's."""
 
     def __init__(self, lcm, channel, **options):
         self.lcm, builder = lcm, DiagramBuilder()
@@ -225,7 +225,7 @@ class TimedCamera:
 def test_ticks_run_when_poses_come(lcm, phase, monkeypatch):
     loop, camera = Loop(lcm, ALLEGRO_CHANNEL), TimedCamera(lcm, phase)
     clock = SimpleNamespace(monotonic=lambda: camera.now, time_ns=time.time_ns)
-    monkeypatch.setattr("drake_pregrasp.wires.live.time", clock)
+    monkeypatch.setattr("drake_pregrasp.interfaces.lcm.time", clock)
     run_lcm_loop(loop.simulator, camera, period=PERIOD, duration=1.2)
     ages = loop.ages.FindLog(loop.simulator.get_context()).data()[0]
     assert len(ages) == pytest.approx(1.2 / PERIOD, abs=2)

@@ -9,7 +9,7 @@ from simulation_runs import contacts, points, run_log
 
 from drake_pregrasp import InvalidArgumentError, load_scenario, run
 from drake_pregrasp.config.object_config import PoseStream
-from drake_pregrasp.wires.mcap_log import OBJECT_FRAME
+from drake_pregrasp.interfaces.mcap_log import OBJECT_FRAME
 
 reader = pytest.importorskip("mcap.reader")
 pytest.importorskip("rosbags")
@@ -82,7 +82,7 @@ def test_foxglove_is_shown_what_is_logged(tmp_path):
 def test_a_missing_extra_is_named_before_anything_is_written(tmp_path, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(
-        InvalidArgumentError, match=r"run.mcap needs mcap .*'drake_pregrasp\[wire\]'"
+        InvalidArgumentError, match=r"run.mcap needs mcap .*'drake_pregrasp\[interfaces\]'"
     ):
         short_run("a_base", tmp_path, mcap=True)
     assert not list(tmp_path.iterdir())

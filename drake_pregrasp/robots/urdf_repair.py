@@ -56,7 +56,7 @@ def drop_ignored(robot: Element) -> None:
             joint.remove(element)
 
 
-def mend_inertias(robot: Element) -> list[str]:
+def repair_inertias(robot: Element) -> list[str]:
     """Makes rotational inertias physically valid, and returns the names of changed links.
 
     If the principal moments violate the triangle inequality a + b >= c or are not positive,

@@ -1,4 +1,4 @@
-"""Story of a run in words: states over time and captions of events, for pages beside the scene."""
+"""Timeline of a run in words: states over time and captions of events, for pages with a scene."""
 
 import json
 from collections.abc import Mapping
@@ -17,8 +17,8 @@ from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
 MEASURES = ("q_msv", "q_gii", "q_vew")
 """Measures of the paper's Table II, by their columns in `log.csv`."""
 
-OVERLAY = Path(__file__).with_name("run_story.html")
-"""Part of a page that shows a story."""
+OVERLAY = Path(__file__).with_name("run_timeline.html")
+"""Part of a page that shows a timeline."""
 
 _TRACKING = {
     TrackingStatus.WAITING: "waiting for the first measurement",
@@ -37,7 +37,7 @@ _PHASES = {
 }
 
 
-class RunStory:
+class RunTimeline:
     """Collects what a run has to tell, from the records of its loggers.
 
     Args:
@@ -116,7 +116,7 @@ class RunStory:
             self.tell(f"{row} {text}")
 
     def data(self) -> dict[str, Any]:
-        """Returns the whole story as the overlay reads it."""
+        """Returns the whole timeline as the overlay reads it."""
         return self._page() | {"changes": self._changes, "events": self._events}
 
     def now(self) -> dict[str, Any]:
@@ -129,7 +129,7 @@ class RunStory:
         return texts | {"time": self._time, "camera": self._camera}
 
     def added_to(self, page: str) -> str:
-        """Returns a page of Meshcat with the story over its scene."""
+        """Returns a page of Meshcat with the timeline over its scene."""
         text = json.dumps(self.data()).replace("<", "\\u003c")
         script = f"<script>playRecording({text});</script>"
         start, end, rest = page.rpartition("</body>")

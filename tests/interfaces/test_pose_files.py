@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from drake_pregrasp import InvalidArgumentError
-from drake_pregrasp.wires import pose_files
-from drake_pregrasp.wires.pose_files import read_poses
+from drake_pregrasp.interfaces import pose_files
+from drake_pregrasp.interfaces.pose_files import read_poses
 
 pytest.importorskip("mcap")
 pytest.importorskip("rosbags")
@@ -167,7 +167,7 @@ def test_files_of_other_kinds_are_refused(tmp_path, monkeypatch):
     with pytest.raises(InvalidArgumentError, match=r"is outside of .*bag"):
         read_poses(tmp_path / "bag")
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(InvalidArgumentError, match=r"pip install 'drake_pregrasp\[wire\]'"):
+    with pytest.raises(InvalidArgumentError, match=r"pip install 'drake_pregrasp\[interfaces\]'"):
         read_poses(tmp_path / "x.mcap")
 
 

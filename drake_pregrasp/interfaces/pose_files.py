@@ -20,8 +20,8 @@ from drake_pregrasp.estimation.recorded_poses import (
     check_pose,
     read_recorded_poses,
 )
+from drake_pregrasp.interfaces import check_installed
 from drake_pregrasp.resources import check_inside, read_bounded
-from drake_pregrasp.wires import check_installed
 
 MAX_BAG_BYTES = 100_000_000
 """Largest size of an MCAP file or of a rosbag2, packed and unpacked, in bytes."""

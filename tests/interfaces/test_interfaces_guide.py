@@ -1,4 +1,4 @@
-"""The page on wires is followed as it stands; ROS 2 itself is replaced by stand-ins."""
+"""The page on interfaces is followed as it stands; ROS 2 itself is replaced by stand-ins."""
 
 import sys
 from types import ModuleType, SimpleNamespace
@@ -10,11 +10,11 @@ from pages import DOCS, blocks, executed
 
 from drake_pregrasp import Scenario
 from drake_pregrasp.estimation.recorded_poses import MAX_ROWS
+from drake_pregrasp.interfaces.mcap_log import McapLog
+from drake_pregrasp.interfaces.pose_files import _KINDS, MAX_BAG_BYTES
 from drake_pregrasp.simulation.schema_check import check_mapping
-from drake_pregrasp.wires.mcap_log import McapLog
-from drake_pregrasp.wires.pose_files import _KINDS, MAX_BAG_BYTES
 
-PAGE = "wires.md"
+PAGE = "interfaces.md"
 NODE, LATENCY = blocks(PAGE, "python")
 
 

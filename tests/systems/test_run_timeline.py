@@ -1,4 +1,4 @@
-"""The story of a run: what it tells, and when."""
+"""The timeline of a run: what it tells, and when."""
 
 import json
 
@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform
 
 from drake_pregrasp import ContactStatus, GiveUp, GraspPhase, TrackingStatus
 from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
-from drake_pregrasp.systems.run_story import RunStory
+from drake_pregrasp.systems.run_timeline import RunTimeline
 
 
 def tick(time, statuses=(1, 1), causes=(-1, -1), tracking=TrackingStatus.TRACKING):
@@ -18,10 +18,10 @@ def tick(time, statuses=(1, 1), causes=(-1, -1), tracking=TrackingStatus.TRACKIN
 
 
 def events_of(*ticks, **options):
-    story = RunStory("title", 2, **options)
+    timeline = RunTimeline("title", 2, **options)
     for record in ticks:
-        story.add_tick(record)
-    return story.data()["events"]
+        timeline.add_tick(record)
+    return timeline.data()["events"]
 
 
 @pytest.mark.parametrize(
@@ -52,23 +52,23 @@ def test_the_end_of_the_static_phase_and_a_lost_object_are_told():
 
 
 def test_phases_of_a_grasp_are_told_with_the_reason_to_give_up():
-    story, zeros, X = RunStory("title", 2), np.zeros((2, 3)), RigidTransform()
+    timeline, zeros, X = RunTimeline("title", 2), np.zeros((2, 3)), RigidTransform()
     phases = (GraspPhase.TRACK, GiveUp.NONE), (GraspPhase.BACK_OFF, GiveUp.TOLD_TO_OPEN)
     for time, (phase, reason) in enumerate(phases):
         report = np.array([phase, time, reason, 0.0])
-        story.add_grasp(GraspRecord(float(time), report, zeros, zeros, zeros, X, X, X))
-    (_, first), (at, second) = story.data()["events"]
+        timeline.add_grasp(GraspRecord(float(time), report, zeros, zeros, zeros, X, X, X))
+    (_, first), (at, second) = timeline.data()["events"]
     assert first == "hand follows the object"
     assert at == 1.0
     assert second.startswith("hand backs off, because ")
 
 
 def test_the_present_is_short_and_a_page_is_safe_from_its_title():
-    story = RunStory("</script><script>alert(1)</script>", 2)
+    timeline = RunTimeline("</script><script>alert(1)</script>", 2)
     for k in range(500):
-        story.add_tick(tick(0.1 * k, (1, 1 if k % 2 else -4)))
-    assert len(json.dumps(story.now())) < 2000
-    assert story.now()["changes"][-1][1:] == ("1", "active")
-    page = story.added_to("<body></body>")
+        timeline.add_tick(tick(0.1 * k, (1, 1 if k % 2 else -4)))
+    assert len(json.dumps(timeline.now())) < 2000
+    assert timeline.now()["changes"][-1][1:] == ("1", "active")
+    page = timeline.added_to("<body></body>")
     assert "alert(1)</script>" not in page
     assert page.count("</body>") == 1
