@@ -46,12 +46,12 @@ from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario, shipped_scenarios
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
-from drake_pregrasp.systems.fingertip_goal_shaper import FingertipGoalShaper
-from drake_pregrasp.systems.fingertip_sensor import FingertipSensor, HandKinematics
+from drake_pregrasp.systems.differential_kinematics import DifferentialKinematics
+from drake_pregrasp.systems.fingertip_sensor import FingertipSensor
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor, GraspQualityView
 from drake_pregrasp.systems.grasp_sequencer import GraspSequencer
-from drake_pregrasp.systems.joint_reference import JointReference
-from drake_pregrasp.systems.palm_posture import ArmPosture, CarrierPosture
+from drake_pregrasp.systems.hand_goal_shaper import HandGoalShaper
+from drake_pregrasp.systems.hand_kinematics import HandKinematics
 from drake_pregrasp.systems.pose_estimator import PoseEstimator
 from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
 from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
@@ -63,7 +63,6 @@ __all__ = [
     "AddHandController",
     "AddPregraspPlanner",
     "ArmKinematics",
-    "ArmPosture",
     "BallReach",
     "BallSolid",
     "BlendConfig",
@@ -71,13 +70,12 @@ __all__ = [
     "Box",
     "BoxReach",
     "BoxSolid",
-    "CarrierPosture",
     "CentroidSelector",
     "ContactStatus",
     "Conveyor",
     "CoordinateConfig",
+    "DifferentialKinematics",
     "EstimatorConfig",
-    "FingertipGoalShaper",
     "FingertipSensor",
     "ForbiddenPoints",
     "GiveUp",
@@ -90,11 +88,11 @@ __all__ = [
     "HalfSpace",
     "HandController",
     "HandDescription",
+    "HandGoalShaper",
     "HandKinematics",
     "HandModel",
     "HandStation",
     "InvalidArgumentError",
-    "JointReference",
     "LimitsConfig",
     "MeasurementFaults",
     "MeasurementVerdict",

@@ -8,6 +8,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BusValue
 
 from drake_pregrasp import Obstacles
+from drake_pregrasp.arrays import pack
+from drake_pregrasp.grasping.hand_commands import GraspCommand, HandGoals
 from drake_pregrasp.regions.safe_regions import SafeRegions
 
 
@@ -24,7 +26,7 @@ class Driven:
 
     def fix(self, **inputs):
         for port, value in inputs.items():
-            if isinstance(value, BusValue | Obstacles | SafeRegions):
+            if isinstance(value, BusValue | Obstacles | SafeRegions | GraspCommand | HandGoals):
                 value = AbstractValue.Make(value)
             self.system.GetInputPort(port).FixValue(self.context, value)
 
@@ -46,7 +48,10 @@ class Driven:
         self.simulator.AdvanceTo(self.context.get_time() + seconds)
 
     def tick(self, count=1):
-        self.advance(count * self.period)
+        """Advances to the exact time of a later tick, so that each tick is made once."""
+        if self.period:
+            ticks = round(self.context.get_time() / self.period) + count
+            self.simulator.AdvanceTo(ticks * self.period)
 
     def eval(self, port):
         return self.system.GetOutputPort(port).Eval(self.context)
@@ -77,6 +82,8 @@ def plain(value):
         return value.GetAsMatrix34()
     if isinstance(value, SpatialVelocity):
         return value.get_coeffs().copy()
+    if isinstance(value, GraspCommand | HandGoals):
+        return pack(value)
     if isinstance(value, SafeRegions):
         return value.labels.copy()
     if isinstance(value, BusValue):

@@ -118,8 +118,7 @@ def palm_turn(
         before: Last yaw, in radians; the result is continuous with it.
         yaw_range: Smallest and largest angle of the palm, in radians.
     """
-    goals = zip(p_GT.tolist(), finger_azimuths.tolist(), strict=True)
-    yaw = cmath.phase(sum(complex(x, y) * cmath.rect(1.0, -at) for (x, y, _), at in goals))
+    yaw = cmath.phase(np.vdot(np.exp(1j * finger_azimuths), p_GT[:, 0] + 1j * p_GT[:, 1]))
     low, high = yaw_range
     return max(low, min(before + math.remainder(yaw - before, 2 * math.pi), high))
 

@@ -12,7 +12,7 @@ from drake_pregrasp.contacts.start_contacts import StartContacts
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.systems.hand_scene import LINK_CLEARANCE
-from drake_pregrasp.systems.palm_posture import FROM_ABOVE
+from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 
 _YAWS = np.linspace(-np.pi, np.pi, 73)
 _SIDES = np.pi / 2 * np.arange(4)  # Azimuths from which palms come from the side, in radians.

@@ -30,7 +30,7 @@ from drake_pregrasp.geometry.mesh_solid import MeshSolid
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.constraints import Obstacles
-from drake_pregrasp.systems.fingertip_sensor import hand_links
+from drake_pregrasp.systems.hand_kinematics import hand_links
 from drake_pregrasp.systems.hand_scene import separate_fingers
 from drake_pregrasp.systems.sources import ContactWeights
 

@@ -20,9 +20,9 @@ from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import BASE
 from drake_pregrasp.regions.finger_measures import FingerChain, FingerMeasures
-from drake_pregrasp.systems.fingertip_sensor import HandKinematics, hand_links
+from drake_pregrasp.systems.hand_kinematics import HandKinematics, hand_links
 from drake_pregrasp.systems.hand_scene import HandScene, link_balls
-from drake_pregrasp.systems.palm_posture import FROM_ABOVE
+from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 
 _TWO_TURNS = 4 * np.pi
 _LARGEST_STEP = 0.012  # Largest distance to another place that a finger reaches, in metres.

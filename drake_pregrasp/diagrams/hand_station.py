@@ -21,7 +21,7 @@ from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model
 from drake_pregrasp.diagrams.object_plant import add_moving_object
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.geometry.solids import HalfSpace
-from drake_pregrasp.systems.fingertip_sensor import hand_links
+from drake_pregrasp.systems.hand_kinematics import hand_links
 from drake_pregrasp.systems.hand_scene import separate_fingers
 from drake_pregrasp.systems.link_contacts import LinkContacts
 from drake_pregrasp.systems.sources import BodyPose, MovingSolid

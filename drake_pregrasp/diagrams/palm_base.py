@@ -11,8 +11,8 @@ from pydrake.systems.framework import Context
 from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.config.hand_description import Arm, BaseConfig, Carrier
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.systems.fingertip_sensor import frame_names
-from drake_pregrasp.systems.palm_posture import pose_error, turned_frame
+from drake_pregrasp.systems.hand_kinematics import frame_names
+from drake_pregrasp.systems.palm_frames import pose_error, turned_frame
 
 _STEPS = 300  # Largest number of steps of an arm to its initial pose.
 _ARRIVED = 1e-5  # Largest error of the palm at its initial pose, in metres and radians.
@@ -85,6 +85,7 @@ class PalmCarrier:
 
     Attributes:
         joints: Indices of the positions x, y, z and yaw.
+        palm_frame: Empty: the axes follow a posture, not the palm a pose.
         X_AW: Pose of W in A with the palm at home.
 
     Raises:
@@ -94,7 +95,7 @@ class PalmCarrier:
     def __init__(
         self, config: Carrier, plant: MultibodyPlant, hand: ModelInstanceIndex, X_LA: RigidTransform
     ) -> None:
-        self.joints = _positions(plant, hand, config.joints)
+        self.joints, self.palm_frame = _positions(plant, hand, config.joints), ""
         self._height, self._X_LA, self.X_AW = config.palm_height, X_LA, X_LA.inverse()
         for name, expected in zip(config.joints, _JOINT_KINDS, strict=True):
             kind = plant.GetJointByName(name, hand).type_name()
@@ -120,6 +121,14 @@ class PalmCarrier:
     def placed(self, q: FloatArray) -> FloatArray:
         """Returns positions with the palm at home and the fingers as in q, shape (nq,)."""
         return self.posed(q, np.zeros(3), 0.0)
+
+    def posture(self, home: FloatArray, p_WL: FloatArray, yaw: float) -> FloatArray:
+        """See `PalmBase`."""
+        return self.posed(home, p_WL, yaw)
+
+    def palm_goal(self, p_WL: FloatArray, yaw: float) -> RigidTransform:
+        """Returns the frame of the palm's axis, turned by a yaw."""
+        return turned_frame(p_WL, self._X_LA, yaw)
 
 
 class PalmArm:
@@ -173,7 +182,7 @@ class PalmArm:
         Raises:
             InvalidArgumentError: If the arm cannot hold the palm there.
         """
-        X_WP = turned_frame(p_WCoM, self._X_LA, yaw) @ self.X_GP
+        X_WP = self.palm_goal(p_WCoM, yaw)
         context = self._plant.CreateDefaultContext()
         posed = home = self.placed(q)
         for _ in range(_STEPS):
@@ -193,6 +202,14 @@ class PalmArm:
         home = np.array(q, dtype=float)
         home[self.joints] = self._home
         return home
+
+    def posture(self, home: FloatArray, p_WL: FloatArray, yaw: float) -> FloatArray:
+        """See `PalmBase`."""
+        return self.placed(home)
+
+    def palm_goal(self, p_WL: FloatArray, yaw: float) -> RigidTransform:
+        """See `PalmBase`."""
+        return turned_frame(p_WL, self._X_LA, yaw) @ self.X_GP
 
 
 PalmBase = PalmCarrier | PalmArm

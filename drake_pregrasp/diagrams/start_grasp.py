@@ -26,7 +26,7 @@ from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
 from drake_pregrasp.regions.finger_measures import FingerMeasures
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 from drake_pregrasp.systems.hand_scene import LINK_CLEARANCE
-from drake_pregrasp.systems.palm_posture import reach_frame
+from drake_pregrasp.systems.palm_frames import reach_frame
 
 
 def _start_constraints(

@@ -12,6 +12,13 @@ import numpy as np
 from drake_pregrasp.arrays import FloatArray
 
 SMALL = 1e-2  # Angle in radians, below which the series are exact to rounding.
+_CROSS = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2).reshape(3, 9)
+
+
+def skew(r: FloatArray) -> FloatArray:
+    """Returns [r]x with [r]x a = r x a, shape (..., 3, 3), of vectors, shape (..., 3)."""
+    matrices: FloatArray = (r @ _CROSS).reshape(*r.shape, 3)
+    return matrices
 
 
 def rotation_vector(R: FloatArray) -> FloatArray:

@@ -292,20 +292,16 @@ class TipPlaces:
         normals = np.where(length > 0, outward / np.where(length > 0, length, 1), self.directions)
         return p_GT - (self.tip_radii + standoff)[:, None] * normals, normals
 
-    def withdrawn(self, p_GT: FloatArray, R_GU: FloatArray | None, top: float) -> FloatArray:
+    def withdrawn(self, yaw: float, top: float) -> FloatArray:
         """Returns positions above the object for fingers without a contact, in G, shape (n, 3).
 
         Args:
-            p_GT: Centres of the tips in G, shape (n, 3), in metres.
-            R_GU: Orientation of the palm in G, shape (3, 3); None to keep the tips' azimuths.
+            yaw: Yaw of the palm about z of G, in radians.
             top: Height of the object's top in G, in metres.
         """
-        level = p_GT * [1.0, 1.0, 0.0] if R_GU is None else self.directions @ R_GU.T
-        least = self.tip_radii[:, None]
-        length = np.maximum(np.linalg.norm(level, axis=1, keepdims=True), least)
-        raised: FloatArray = level * self.withdrawn_radii[:, None] / length
-        raised[:, 2] = top + self.tip_radii + _WITHDRAWN_CLEARANCE
-        return raised
+        x, y = self.withdrawn_radii * self.directions[:, :2].T
+        c, s, z = np.cos(yaw), np.sin(yaw), top + self.tip_radii + _WITHDRAWN_CLEARANCE
+        return np.stack([c * x - s * y, s * x + c * y, z], axis=1)
 
     def room(
         self,

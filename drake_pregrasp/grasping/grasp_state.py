@@ -1,6 +1,5 @@
 """Phases, settings, state and observations of a grasp."""
 
-import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
@@ -309,29 +308,12 @@ class GraspState:
         """Returns the state as one vector."""
         return pack(self)
 
-    @staticmethod
-    def from_vector(vector: FloatArray) -> "GraspState":
-        """Returns the state from a vector of `to_vector`; equal vectors may share a state."""
-        return _unpacked(vector.tobytes())
 
-
-@functools.lru_cache(maxsize=4)  # The state of most ticks is that of the tick before.
-def _unpacked(data: bytes) -> GraspState:
-    vector = np.frombuffer(data)
-    state = _unpacker(len(vector))(vector)
-    for value in vars(state).values():
-        if isinstance(value, np.ndarray):
-            value.flags.writeable = False
-    return state
-
-
-@functools.cache
-def _unpacker(size: int) -> Callable[[FloatArray], GraspState]:
-    """Returns the inverse of `pack` for states with vectors of the given size."""
+def state_unpacker(num_fingers: int) -> Callable[[FloatArray], GraspState]:
+    """Returns the inverse of `GraspState.to_vector` for n fingers."""
     # Only types and shapes matter: integer settings would round the unpacked values.
-    anything = GraspSettings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    single = len(GraspState.first(0, anything).to_vector())
-    return unpacker(GraspState.first((size - single) // 6, anything))
+    any_settings = GraspSettings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return unpacker(GraspState.first(num_fingers, any_settings))
 
 
 @dataclass(frozen=True, eq=False)

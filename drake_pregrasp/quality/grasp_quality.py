@@ -7,6 +7,7 @@ import numpy as np
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.geometry.rotations import skew
 
 CONTACT_MODELS = ("complete", "hard_finger", "soft_finger", "frictionless")
 """Names of the contact models."""
@@ -126,13 +127,6 @@ def contact_axes(nhat: FloatArray) -> FloatArray:
 
 
 # Row k holds [e_k]x, row-major.
-_CROSS = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2).reshape(3, 9)
-
-
-def skew(r: FloatArray) -> FloatArray:
-    """Returns [r]x with [r]x a = r x a, shape (..., 3, 3), of vectors, shape (..., 3)."""
-    matrices: FloatArray = (r @ _CROSS).reshape(*r.shape, 3)
-    return matrices
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from drake_pregrasp.resources import MODELS_URL, make_paths_absolute, resolve_pa
 from drake_pregrasp.robots.robot_models import ROBOTS_URL
 from drake_pregrasp.simulation.schema_check import load_checked
 from drake_pregrasp.simulation.yaml_text import parse_entries, read_text
-from drake_pregrasp.systems.palm_posture import FROM_ABOVE
+from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 
 
 @dataclass

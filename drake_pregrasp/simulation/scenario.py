@@ -31,7 +31,7 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation.hand_file import HandConfig, load_hand, load_hand_model
 from drake_pregrasp.simulation.obstacle_config import ObstacleConfig, moving_solid
-from drake_pregrasp.systems.palm_posture import FROM_ABOVE
+from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 from drake_pregrasp.systems.pose_sensor import MAX_SEED
 from drake_pregrasp.systems.sources import MovingSolid
 

@@ -22,8 +22,8 @@ from drake_pregrasp.contacts.selection_input import (
 from drake_pregrasp.contacts.strategies import BLEND, make_blend, make_strategy
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.fast import fast_goals, fast_limits, fast_surface
+from drake_pregrasp.geometry.rotations import skew
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
-from drake_pregrasp.quality.grasp_quality import skew
 from drake_pregrasp.regions.constraints import NO_CAUSE
 from drake_pregrasp.regions.safe_regions import SafeRegions
 from drake_pregrasp.systems import ports

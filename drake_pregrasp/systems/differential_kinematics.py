@@ -1,270 +1,264 @@
 """Differential inverse kinematics of a whole hand that keeps its links clear."""
 
-import contextlib
-from collections.abc import Mapping
-from functools import partial
+from typing import Protocol
 
 import numpy as np
-from pydrake.solvers import ClarabelSolver, MathematicalProgram
-from pydrake.systems.framework import Context, LeafSystem
-from scipy.linalg import pinv
-from scipy.linalg.lapack import dposv
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.arrays import FloatArray, are_valid
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.fingertip_paths import Pace
-from drake_pregrasp.grasping.grasp_state import BASE, NOT_BLOCKED
-from drake_pregrasp.quality.grasp_quality import skew
+from drake_pregrasp.grasping.grasp_state import BASE, NO_LIMIT, NOT_BLOCKED
+from drake_pregrasp.grasping.hand_commands import GraspCommand, HandGoals
+from drake_pregrasp.grasping.joint_velocities import joint_velocities
 from drake_pregrasp.regions.obstacles import ANYWHERE
 from drake_pregrasp.systems import ports
-from drake_pregrasp.systems.fingertip_sensor import moving_joints, scoped_frame
+from drake_pregrasp.systems.hand_kinematics import moving_joints, point_jacobian, scoped_frame
 from drake_pregrasp.systems.hand_scene import FASTEST_APPROACH, HandScene
-from drake_pregrasp.systems.palm_posture import pose_error
+from drake_pregrasp.systems.palm_frames import pose_error
 
-_TRACKING_WEIGHT = 1e4  # Weight of goals against posture.
-_DAMPING = 1e-3  # Singular value of a Jacobian, in metres, below which its direction is given up.
+GAIN = 5.0
+"""Ratio of the velocity of palm and posture to their distance from their goals, in 1/s."""
+
 _LIMIT_RATE = 10.0  # Largest ratio of a joint's speed to its distance from a limit, in 1/s.
 _USED = 0.75  # Share of the limit of acceleration that is commanded: drives and clearances add.
-_GUESSES = 5  # Guesses of the active set before the solver is asked.
 _IN_W = np.eye(3), np.zeros(3)  # Rotation and position of W in itself.
-_TOLERANCE = 1e-9  # Violation of a constraint that is rounding, in m/s or rad/s.
 
 
-def _pseudoinverse(J: FloatArray) -> FloatArray:
-    """Returns J⁺, in which directions of singular values up to `_DAMPING` are given up."""
-    if len(J):
-        _, inverse, failure = dposv(J @ J.T, np.eye(len(J)))  # Takes half as long as numpy's.
-        # The norm of the inverse is at least the largest 1/s².
-        if not failure and np.vdot(inverse, inverse) < _DAMPING**-4:
-            return np.asarray(J.T @ inverse)
-    return np.asarray(pinv(J, atol=_DAMPING, rtol=0))
+class PalmBase(Protocol):
+    """Axes or an arm that carry a palm.
 
-
-def constrained_velocity(
-    H: FloatArray, v_free: FloatArray, A: FloatArray, b: FloatArray
-) -> FloatArray | None:
-    """Returns the v with A v >= b that minimizes (v - v_free)ᵀ H (v - v_free), or None without one.
-
-    With the active constraints A v = b it is v_free + H⁻¹ Aᵀ λ. By the conditions of Karush, Kuhn
-    and Tucker this is the optimum if all λ >= 0 and all constraints are kept. Otherwise the next
-    guess of the active constraints drops those with λ < 0 and adds those that are violated (a
-    primal-dual active-set method; Hintermüller, Ito and Kunisch, 2002). If some guesses fail, the
-    solver is asked, which takes ten times as long.
-
-    Args:
-        H: Positive definite matrix, shape (nq, nq).
-        v_free: Velocities without constraints, shape (nq,).
-        A: Gradients of the constraints, shape (k, nq).
-        b: Least values of the constraints, shape (k,).
+    Attributes:
+        palm_frame: Scoped name of the palm's frame P, which follows `palm_goal`; empty for axes
+            whose positions are the palm's goal, and follow `posture`.
     """
-    lacking = b - A @ v_free
-    if not np.isfinite(lacking).all():
-        return None
-    active = lacking > 0
-    with contextlib.suppress(np.linalg.LinAlgError):  # Constraints that depend on each other.
-        H_inverse = np.linalg.inv(H)
-        for _ in range(_GUESSES):
-            moves = H_inverse @ A[active].T
-            multipliers = np.linalg.solve(A[active] @ moves, lacking[active])
-            v: FloatArray = v_free + moves @ multipliers
-            violated = ~(A @ v >= b - _TOLERANCE)
-            if np.all(multipliers >= 0) and not violated.any():
-                return v
-            active[active] = multipliers >= 0
-            active |= violated
-    program = MathematicalProgram()
-    # The cost of a small change is small, and so is the error by the solver's relative tolerance.
-    dv = program.NewContinuousVariables(len(H))
-    program.AddQuadraticCost(2 * H, np.zeros(len(H)), dv, is_convex=True)
-    program.AddLinearConstraint(A, lacking, np.full(len(b), np.inf), dv)
-    result = ClarabelSolver().Solve(program)
-    return v_free + result.GetSolution(dv) if result.is_success() else None
+
+    palm_frame: str
+
+    def palm_goal(self, p_WL: FloatArray, yaw: float) -> RigidTransform:
+        """Returns the pose of P over a point L on the palm's axis, turned by a yaw."""
+
+    def posture(self, home: FloatArray, p_WL: FloatArray, yaw: float) -> FloatArray:
+        """Returns the positions that joints approach, with fingers as at home, shape (nq,)."""
 
 
 class DifferentialKinematics(LeafSystem):
-    """Computes joint velocities that move fingertips to goals and keep all links clear.
+    """Moves the joints of a hand so that fingertips and palm follow goals and all links are clear.
 
     .. pydrake_system::
 
         name: DifferentialKinematics
         input_ports:
-        - position
-        - velocity
-        - nominal_posture
-        - desired_cartesian_poses
-        - v_WT
-        - X_WG
-        - V_WG
-        - X_WO_estimated
-        - V_WO_estimated
-        - fingers_hold
+        - goals
+        - command
         - obstacles
+        - hand_state
         output_ports:
-        - commanded_velocity
+        - desired_state
         - blocked_finger
 
-    Port `position` accepts a vector of nq: the reference positions of the joints at the Context's
-    time.
+    Port `goals` accepts `HandGoals`, as `HandGoalShaper` emits them.
 
-    Port `velocity` accepts a vector of nq: the velocities of the reference in the last period.
-
-    Port `nominal_posture` accepts a vector of nq: the positions that joints approach in the null
-    space of the goals.
-
-    Port `desired_cartesian_poses` accepts a `BusValue`: poses in W to reach in one period, by the
-    scoped names of frames. Frames without a valid pose are free.
-
-    Port `v_WT` accepts a vector of 3n: velocities of the fingertips' goals in W, in m/s, as
-    `FingertipGoalShaper` emits it. Goals of other frames move with G.
-
-    Ports `X_WO_estimated` and `V_WO_estimated` accept the estimated pose and velocity of the object
-    in W: a `RigidTransform` and a `SpatialVelocity`. `X_WG` and `V_WG` accept those of the frame G
-    of `GraspSequencer`, which replace them while fingers hold the object.
-
-    Port `fingers_hold` accepts a vector of n. A finger holds the object, or closes on it, while its
-    value is above 0 or NaN.
+    Port `command` accepts a `GraspCommand`, as `GraspSequencer` emits it. Links are kept clear of
+    the object where it is estimated, or at the frame G while fingers hold it. The fingertips press
+    with its forces.
 
     Port `obstacles` (optional) accepts `Obstacles` in W. Only their solids count, and not those
     with numbers that are not finite.
 
-    Port `commanded_velocity` emits a vector of nq: the velocities of the joints. It minimizes the
-    errors of goals J v - V first and of the posture second, within the limits of speed and
-    acceleration of the joints, and such that links keep their clearances (`HandScene`). If no
-    velocity satisfies this, the joints stop with their largest deceleration.
+    Port `hand_state` (optional) accepts a vector of 2 nq: measured positions and velocities of the
+    joints. The forces of fingers are limited only if it is connected and finite.
+
+    Port `desired_state` emits a vector of 2 nq: q + K_p^-1 J^T f with the reference q and the
+    forces f, then the velocities. Joints that are held at these positions by their proportional
+    gains K_p press with f. A finger that would press with more than its limit yields: its desired
+    positions give way to what holds it back.
 
     Port `blocked_finger` emits a vector of 1: the index of the finger that stops the hand, `BASE`,
-    or `NOT_BLOCKED`.
+    or `NOT_BLOCKED`, as of the last tick.
+
+    At each tick the velocities v of the joints minimise the errors of goals J v - V first and of
+    the posture second (`joint_velocities`), within the limits of speed and acceleration of the
+    joints, and such that links keep their clearances (`HandScene`). If no velocity satisfies this,
+    the joints stop with their largest deceleration. The reference q is the integral of v, linear
+    between ticks. It never follows the measured positions, which lag behind.
+
+    The palm follows its goal with the velocity of the goal and `GAIN` times its distance from it:
+    the palm of an arm beside the fingertips, the axes of a carrier in their null space, so that
+    they help fingers at the limits of their reach.
 
     Args:
         scene: The hand and what it must be clear of.
-        masks: Names of the frames that have goals, with 1 for each of their rotations and
-            translations along x, y and z that counts, else 0, shape (6,).
-        posture_gain: Gain with which joints follow the nominal posture, in 1/s.
-        acceleration: Largest acceleration of frames on the way to goals, in m/s².
-        period: Seconds between ticks.
+        base: Base of the palm.
+        home: Home positions of the fingers, and zeros for the base, shape (nq,).
+        initial: Initial positions, shape (nq,).
+        yaw_range: Smallest and largest angle of the palm, in radians.
+        acceleration: Largest acceleration of fingertips on the way to goals, in m/s².
+        period: Seconds between ticks, greater than zero.
+        plant_time_step: Time step of the hand's plant, in seconds, at whose end the measured
+            positions have changed by the measured velocities.
+
+    Raises:
+        InvalidArgumentError: If `period` is not positive, or `initial` has another length.
     """
 
     def __init__(
         self,
         scene: HandScene,
         *,
-        masks: Mapping[str, FloatArray],
-        posture_gain: float,
+        base: PalmBase,
+        home: FloatArray,
+        initial: FloatArray,
+        yaw_range: tuple[float, float],
         acceleration: float,
         period: float,
+        plant_time_step: float = 0.0,
     ) -> None:
         super().__init__()
-        self._hand = hand = scene.hand
-        nq, n = hand.num_positions, len(hand.tip_frames)
-        self._scene = scene
-        self._gain, self._period, self._each = posture_gain, period, np.eye(nq)
+        self._scene, self._hand, self._base = scene, scene.hand, base
+        hand, nq, n = scene.hand, scene.hand.num_positions, len(scene.hand.frames)
+        if not period > 0:
+            raise InvalidArgumentError(f"period must be greater than 0 s, not {period}")
+        if np.shape(initial) != (nq,):
+            raise InvalidArgumentError(f"the hand has {nq} joints, not {np.size(initial)}")
+        self._home, self._yaw_range = home, yaw_range
+        self._period, self._step = period, plant_time_step
         self._pace = Pace(FASTEST_APPROACH, _USED * acceleration, period)
         self._change = hand.acceleration_limit * period
-        # Lower and upper limits of positions, and the range of either limit of velocities.
-        self._ends = np.stack([hand.lower, hand.upper])
-        self._rates = np.outer([-1.0, 0.0], hand.rate_limit), np.outer([0.0, 1.0], hand.rate_limit)
-        self._tips = np.flatnonzero([name in masks for name in hand.tip_frames])
-        tip_names = [hand.tip_frames[tip] for tip in self._tips]
-        self._names = [*tip_names, *(name for name in masks if name not in tip_names)]
-        is_goal = np.array([masks[name] for name in self._names]) > 0
-        self._turns, self._shifts = np.split(is_goal, 2, axis=1)  # Rotations and translations.
-        self._turning = np.flatnonzero(self._turns.any(axis=1))
-        self._frames = [scoped_frame(hand.plant, name) for name in self._names]
-        moves = [[moving_joints(hand.plant, frame)] for frame in self._frames]
-        self._moves = np.array(moves, dtype=float)
-        self._q = self.DeclareVectorInputPort("position", nq)
-        self._v = self.DeclareVectorInputPort("velocity", nq)
-        self._posture = self.DeclareVectorInputPort("nominal_posture", nq)
-        self._goals = self.DeclareAbstractInputPort("desired_cartesian_poses", ports.BUS)
-        self._v_WT = self.DeclareVectorInputPort("v_WT", 3 * n)
-        self._X_WG = self.DeclareAbstractInputPort("X_WG", ports.POSE)
-        self._V_WG = self.DeclareAbstractInputPort("V_WG", ports.VELOCITY)
-        self._X_WO = self.DeclareAbstractInputPort("X_WO_estimated", ports.POSE)
-        self._V_WO = self.DeclareAbstractInputPort("V_WO_estimated", ports.VELOCITY)
-        self._hold = self.DeclareVectorInputPort("fingers_hold", n)
+        # Velocities themselves are constrained first, from below and from above.
+        self._each = np.concatenate([np.eye(nq), -np.eye(nq)])
+        self._palm = scoped_frame(hand.plant, base.palm_frame) if base.palm_frame else None
+        if self._palm is not None:
+            self._carrying = moving_joints(hand.plant, self._palm)
+
+        # The time of the last tick, and then the reference q, v, and the v before.
+        start = np.concatenate([[0.0], initial, np.zeros(2 * nq)])
+        self._reference = self.DeclareDiscreteState(start)
+        # Torques for the forces of the fingertips, and the limits of these forces.
+        self._pressing = self.DeclareDiscreteState(np.repeat([0.0, NO_LIMIT], [nq, n]))
+        self._blocked = self.DeclareDiscreteState([float(NOT_BLOCKED)])
+        any_value = AbstractValue.Make(object())
+        self._goals = self.DeclareAbstractInputPort("goals", any_value)
+        self._command = self.DeclareAbstractInputPort("command", any_value)
         self._obstacles = self.DeclareAbstractInputPort("obstacles", ports.OBSTACLES)
-        self._pose = ports.LastPose(self, self._X_WO)
-        placing = (self._q, self._X_WG, self._hold, self._obstacles, self._pose.source)
-        words, calc = "the hand and what is around it", self._calc_placed
-        self._placed = ports.declare_context(self, words, scene.diagram, calc, *placing)
-        inputs = (self._v, self._posture, self._goals, self._v_WT, self._V_WG, self._V_WO)
-        model, sources = (np.zeros(nq), NOT_BLOCKED), (self._placed, *inputs)
-        self._step = step = ports.declare_cache(
-            self, "velocities", model, self._calc_step, *sources
-        )
-        output = partial(ports.declare_output, self)
-        output("commanded_velocity", nq, lambda context: step.Eval(context)[0], step)
-        output("blocked_finger", 1, lambda context: step.Eval(context)[1], step)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._pose.store)
+        self._state = self.DeclareVectorInputPort("hand_state", 2 * nq)
+        time, stored = self.time_ticket(), self.xd_ticket()
+        placing = (time, stored, self._command, self._obstacles)
+        words = "the hand and what is around it, at the Context's time"
+        self._placed = ports.declare_context(self, words, scene.diagram, self._place, *placing)
+        words = "the hand at the reference of the last tick"
+        self._posed = ports.declare_context(self, words, hand.plant, self._pose, stored)
+        sources = (time, stored, self._state)
+        ports.declare_output(self, "desired_state", 2 * nq, self._calc_desired, *sources)
+        self.DeclareStateOutputPort("blocked_finger", self._blocked)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
-    def _holding(self, context: Context) -> BoolArray:
-        return np.asarray(~(self._hold.Eval(context) <= 0))
+    def _moved(self, context: Context) -> tuple[float, FloatArray, FloatArray, FloatArray]:
+        """Returns the time since the last tick, the present q and v, and the v before that tick."""
+        stored = context.get_discrete_state(self._reference).value()
+        elapsed = context.get_time() - stored[0]
+        q, v, v_last = stored[1:].reshape(3, -1)
+        moved = np.maximum(self._hand.lower, q + elapsed * v)
+        return elapsed, np.minimum(moved, self._hand.upper), v, v_last
 
-    def _calc_placed(self, context: Context, placed: Context) -> None:
-        is_held = self._holding(context).any()
-        X_WO = self._X_WG.Eval(context) if is_held else self._pose.eval(context)
+    def _place(self, context: Context, placed: Context) -> None:
+        command: GraspCommand = self._command.Eval(context)
+        R, p = command.R_WO, command.p_WO
+        if command.fingers_hold.any():
+            R, p = command.R_WG, command.p_WG
         solids = ports.eval_solids(self, self._obstacles, context, *_IN_W)
         known = [solid for solid in solids if solid is not ANYWHERE]
-        self._scene.place(placed, self._q.Eval(context), X_WO, known)
+        X_WO = RigidTransform(RotationMatrix(R), p)
+        self._scene.place(placed, self._moved(context)[1], X_WO, known)
 
-    def _calc_step(self, context: Context) -> tuple[FloatArray, int]:
-        placed, holding = self._placed.Eval(context), self._holding(context)
-        V_WO = ports.validated_velocity((self._V_WG if holding.any() else self._V_WO).Eval(context))
-        q, v_last = self._q.Eval(context), self._v.Eval(context)
-        least, most = self._bounds(q, v_last)
-        plant_context = self._hand.plant.GetMyContextFromRoot(placed)
-        screws = self._hand.screws(plant_context)
-        J, V = self._goal_rates(context, plant_context, screws, v_last)
-        J_plus = _pseudoinverse(J)
-        homeward = self._gain * (self._posture.Eval(context) - q)
-        v = homeward + J_plus @ (V - J @ homeward)
-        clear = self._scene.clearances(placed, screws, V_WO, holding)
-        slack = np.concatenate([v - least, most - v, clear.rows @ v - clear.least])
-        if np.minimum.reduce(slack) >= -_TOLERANCE:
-            return v, NOT_BLOCKED
-        # Both costs are zero at the v from above, which is the minimum without constraints.
-        A = np.concatenate([self._each, -self._each, clear.rows])
-        b = np.concatenate([least, -most, clear.least])
-        free = self._each - J_plus @ J
-        H = _TRACKING_WEIGHT * J.T @ J + free + _DAMPING**2 * self._each
-        solution = constrained_velocity(H, v, A, b)
-        if solution is not None:
-            return np.clip(solution, least, most), NOT_BLOCKED
-        stopped = np.clip(0.0, v_last - self._change, v_last + self._change)
+    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        command: GraspCommand = self._command.Eval(context)
+        _, q, v_last, _ = self._moved(context)
+        plant_context = self._hand.plant.GetMyContextFromRoot(self._placed.Eval(context))
+        p_WT, J_WT, screws = self._hand.tips_and_screws(plant_context)
+        v, blocked = self._next_velocity(context, q, v_last, p_WT, J_WT, screws)
+        torques = np.zeros(len(q))
+        if command.f_T_W.any():
+            torques = command.f_T_W.ravel() @ J_WT.reshape(-1, len(q))
+        reference = np.concatenate([[context.get_time()], q, v, v_last])
+        discrete_state.set_value(self._reference, reference)
+        discrete_state.set_value(self._pressing, np.append(torques, command.force_limits))
+        discrete_state.set_value(self._blocked, [float(blocked)])
+
+    def _next_velocity(
+        self,
+        context: Context,
+        q: FloatArray,
+        v_last: FloatArray,
+        p_WT: FloatArray,
+        J_WT: FloatArray,
+        screws: FloatArray,
+    ) -> tuple[FloatArray, int]:
+        """Returns the velocities of the joints until the next tick, and the finger that stops them.
+
+        Args:
+            context: Context of the system.
+            q: Present positions of the reference, shape (nq,).
+            v_last: Present velocities of the reference, shape (nq,).
+            p_WT: Centres of the fingertips at q in W, shape (n, 3), in metres.
+            J_WT: Their Jacobians, shape (n, 3, nq).
+            screws: Screws of the joints at q, shape (6, nq).
+        """
+        goals: HandGoals = self._goals.Eval(context)
+        command: GraspCommand = self._command.Eval(context)
+        placed = self._placed.Eval(context)
+        wanted = (goals.p_WT - p_WT) / self._period - goals.v_WT
+        V = goals.v_WT + self._pace.toward(wanted, J_WT @ v_last - goals.v_WT)
+        J, V = J_WT.reshape(-1, len(q)), V.ravel()
+        # What follows a goal with a gain lags a steady motion by the time 1/gain, so it aims ahead.
+        p_WL, yaw = goals.p_WL + goals.v_WL / GAIN, goals.yaw + goals.yaw_rate / GAIN
+        low, high = self._yaw_range
+        yaw = max(low, min(yaw, high))
+        if self._palm is not None:
+            X_WP = self._palm.CalcPoseInWorld(self._hand.plant.GetMyContextFromRoot(placed))
+            J_WP = point_jacobian(self._carrying * screws, X_WP.translation())
+            V_WP = GAIN * pose_error(X_WP, self._base.palm_goal(p_WL, yaw))
+            V_WP[3:] = self._pace.limited(V_WP[None, 3:], (J_WP[3:] @ v_last)[None])[0]
+            J, V = np.concatenate([J, J_WP]), np.concatenate([V, V_WP])
+        v_posture = GAIN * (self._base.posture(self._home, p_WL, yaw) - q)
+        clear = self._scene.clearances(placed, screws, command)
+        # Joints respect their limits of position, speed and acceleration.
+        hand, fastest = self._hand, self._hand.rate_limit
+        least = np.minimum(np.maximum(_LIMIT_RATE * (hand.lower - q), -fastest), 0.0)
+        most = np.maximum(np.minimum(_LIMIT_RATE * (hand.upper - q), fastest), 0.0)
+        slowest = np.maximum(v_last - self._change, np.minimum(least, v_last + self._change))
+        most = np.minimum(v_last + self._change, np.maximum(most, v_last - self._change))
+        A = np.concatenate([self._each, clear.rows])
+        b = np.concatenate([slowest, -most, clear.least])
+        v = joint_velocities(J, V, v_posture, A, b)
+        if v is not None:
+            return np.minimum(np.maximum(v, slowest), most), NOT_BLOCKED
+        stopped = np.minimum(np.maximum(0.0, v_last - self._change), v_last + self._change)
         lacking = clear.least - clear.rows @ stopped
-        blocking = int(clear.fingers[np.argmax(lacking)]) if len(lacking) else BASE
-        return stopped, blocking
+        return stopped, int(clear.fingers[np.argmax(lacking)]) if len(lacking) else BASE
 
-    def _bounds(self, q: FloatArray, v_last: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns the smallest and largest velocities that respect the joints' limits."""
-        slowest, fastest = self._rates
-        limits = np.minimum(np.maximum(_LIMIT_RATE * (self._ends - q), slowest), fastest)
-        least, most = np.maximum(v_last - self._change, np.minimum(limits, v_last + self._change))
-        return least, most
+    def _pose(self, context: Context, posed: Context) -> None:
+        q, *_ = context.get_discrete_state(self._reference).value()[1:].reshape(3, -1)
+        self._hand.plant.SetPositions(posed, q)
 
-    def _goal_rates(
-        self, context: Context, plant_context: Context, screws: FloatArray, v_last: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Returns J and V: with J v = V, frames go to their goals within limits."""
-        port = f"desired_cartesian_poses of {self.get_name()}"
-        X_WD = ports.validated_poses(self._goals.Eval(context), self._names, port)
-        X_WF = [frame.CalcPoseInWorld(plant_context) for frame in self._frames]
-        p_WF = np.array([X.translation() for X in X_WF])
-        p_WD = np.array(
-            [p if X is None else X.translation() for p, X in zip(p_WF, X_WD, strict=True)]
-        )
-        J = self._moves * (screws[3:] - skew(p_WF) @ screws[:3])
-        v_goal = self._v_WT.Eval(context).reshape(-1, 3)[self._tips]
-        if len(p_GF_W := p_WF[len(v_goal) :]):  # These move with G.
-            w_WG, v_WG = ports.validated_velocity(self._V_WG.Eval(context))
-            p_GF_W = p_GF_W - self._X_WG.Eval(context).translation()
-            v_goal = np.concatenate([v_goal, v_WG + p_GF_W @ skew(w_WG).T])
-        wanted = (p_WD - p_WF) / self._period - v_goal
-        V = v_goal + self._pace.toward(wanted, J @ v_last - v_goal)
-        shifts = self._shifts & np.array([[X is not None] for X in X_WD])
-        J, V = J[shifts], V[shifts]
-        for i in self._turning:
-            if X_WD[i] is not None:
-                turns, w = self._turns[i], pose_error(X_WF[i], X_WD[i])[:3] / self._period
-                J = np.concatenate([J, (self._moves[i] * screws[:3])[turns]])
-                V = np.concatenate([V, w[turns]])
-        return J, V
+    def _calc_desired(self, context: Context) -> FloatArray:
+        elapsed, q, v, v_last = self._moved(context)
+        torques, limits = np.split(context.get_discrete_state(self._pressing).value(), [len(q)])
+        is_free = np.where(v > 0, q < self._hand.upper, q > self._hand.lower)
+        q, v = q + torques / self._hand.stiffness, v * is_free
+        if (limits >= NO_LIMIT).all() or not self._state.HasValue(context):
+            return np.concatenate([q, v])
+        state = self._state.Eval(context)
+        if not are_valid(state):
+            return np.concatenate([q, v])
+        # A finger that is free lags behind its reference only until it knows a new velocity, which
+        # is in its first time step with it. What it lacks apart from that is held back by
+        # something it touches.
+        hand, (q_now, v_now) = self._hand, state.reshape(2, -1)
+        v_known = v_last if elapsed < 1.5 * self._step else v
+        behind = q - elapsed * (v - v_known) - (q_now + self._step * v_now)
+        torques = hand.stiffness * behind + hand.damping * (v_known - v_now)
+        allowed = hand.with_limited_forces(self._posed.Eval(context), torques, limits)
+        return np.concatenate([q - (torques - allowed) / hand.stiffness, v])

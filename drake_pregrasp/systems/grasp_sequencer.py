@@ -1,10 +1,11 @@
 """Sequence of a grasp: the moment of closing, the forces, and the motion of the object."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
+from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.tree import UniformGravityFieldElement
@@ -14,7 +15,6 @@ from drake_pregrasp.arrays import BoolArray, FloatArray, norms, pack, unpacker, 
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.hand_description import Fingertip
 from drake_pregrasp.config.validation import checked
-from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.geometry.solids import SignedDistance
 from drake_pregrasp.grasping.grasp_phases import next_state
 from drake_pregrasp.grasping.grasp_state import (
@@ -23,9 +23,10 @@ from drake_pregrasp.grasping.grasp_state import (
     GraspPhase,
     GraspState,
     GraspView,
-    Ramp,
     Squeeze,
+    state_unpacker,
 )
+from drake_pregrasp.grasping.hand_commands import GraspCommand
 from drake_pregrasp.grasping.held_motion import HeldMotion
 from drake_pregrasp.systems import ports
 from drake_pregrasp.systems.squeeze_program import plan_squeeze
@@ -47,8 +48,7 @@ class GraspSequencer(LeafSystem):
         name: GraspSequencer
         input_ports:
         - close
-        - contact_status
-        - contact_frames
+        - contacts
         - X_WO_estimated
         - V_WO_estimated
         - p_WT
@@ -57,25 +57,19 @@ class GraspSequencer(LeafSystem):
         - J_WT
         - blocked_finger
         output_ports:
+        - command
         - X_WG
-        - V_WG
-        - standoffs
         - hold_contacts
-        - fingers_hold
-        - squeeze_forces
         - grasp_report
         - V_WO_held
-        - force_limits
 
     Port `close` accepts a vector of 1: above 0.5, the hand must close and stay closed. It closes
     once enough fingers are active, all of these are at their goals, and they can balance the
     object's weight. After `gate_limit` it closes without the fingers that are off their goals, or
     gives up if the others cannot hold the object. NaN keeps the last command.
 
-    Port `contact_status` accepts a vector of n `ContactStatus` values.
-
-    Port `contact_frames` accepts a vector of 6n, as `FingertipGoalShaper` emits it. If an active
-    contact is not finite, no force balances the weight.
+    Port `contacts` accepts a vector of 7n, as `HandGoalShaper` emits it. If an active contact is
+    not finite, no force balances the weight.
 
     Port `X_WO_estimated` accepts a `RigidTransform`: the estimated pose of the object O in W. If it
     is invalid, the object is treated as lost at its last valid pose.
@@ -99,39 +93,32 @@ class GraspSequencer(LeafSystem):
     Port `blocked_finger` (optional) accepts a vector of 1: the finger whose links stop the hand,
     `BASE`, or `NOT_BLOCKED` (`DifferentialKinematics`). The report says so while the hand stands.
 
-    Port `X_WG` emits a `RigidTransform`: the pose of the frame G in which goals are planned. It is
-    the estimated pose of O, raised while the hand approaches. When all fingers touch, they stick to
-    the object, and G moves with them and no longer with the estimate, so that on average they are
-    at their goals: a table that accelerates takes the hand along, and no strain of the touch pushes
-    the object. For the lift, G stops and moves straight along `lift_direction`.
+    Port `command` emits a `GraspCommand`. Its frame G is the estimated pose of O, raised while the
+    hand approaches. When all fingers touch, they stick to the object, and G moves with them and no
+    longer with the estimate, so that on average they are at their goals: a table that accelerates
+    takes the hand along, and no strain of the touch pushes the object. For the lift, G stops and
+    moves straight along `lift_direction`. Contacts are held from closing or giving up until the
+    next approach. A finger holds from the moment the hand closes until it releases; it may avoid
+    obstacles at other times. The forces, once the hand closes, are those at the points of the
+    object nearest to the fingertips. They balance weight and acceleration of the lift. The table
+    carries the weight until the lift.
 
-    Port `V_WG` emits a `SpatialVelocity`: the velocity of G in W, on average until the next tick.
+    Port `X_WG` emits a `RigidTransform`: the pose of the frame G of the command.
 
-    Port `standoffs` emits a vector of n: the desired gap of each fingertip, in metres.
-
-    Port `hold_contacts` emits a vector of 1: 1 from closing or giving up until the next approach.
-
-    Port `fingers_hold` emits a vector of n: 1 for each finger on its contact or on the way to it,
-    from the moment the hand closes until it releases; 0 for fingers that may avoid obstacles.
-
-    Port `squeeze_forces` emits a vector of 3n: the desired forces of the fingertips, in W, in
-    newtons; once the hand closes, at the points of the object nearest to the fingertips. They
-    balance weight and acceleration of the lift. The table carries the weight until the lift.
+    Port `hold_contacts` emits a vector of 1: 1 while the command holds contacts, else 0.
 
     Port `grasp_report` emits a vector of 4: the `GraspPhase`, its start in seconds, the `GiveUp`
     and its detail (`describe_give_up`).
 
-    Port `V_WO_held` emits a vector of 7: 1 while the fingers hold the object, then the angular
-    velocity of O in W, in rad/s, and its velocity, in m/s, without the estimate; else zeros.
-
-    Port `force_limits` emits a vector of n, in newtons: `GraspState.force_limits`.
+    Port `V_WO_held` emits a `SpatialVelocity`: that of O in W while the fingers hold the object,
+    without the estimate; else NaN.
 
     Args:
         config: Configuration of the grasp; `GraspConfig()` by default.
         fingertips: Fingertips of the hand, with their radii and limits for closing.
         mass: Mass of the object, in kg.
         p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
-        object_solid: The object in O; None to plan the squeeze at the contacts of `contact_frames`.
+        object_solid: The object in O; None to plan the squeeze at the contacts of `contacts`.
         efforts: Largest torque of each joint, shape (nq,), in N m; empty for no limits.
         palm_axis: Unit vector from the object to the palm in W, shape (3,).
 
@@ -159,14 +146,14 @@ class GraspSequencer(LeafSystem):
         self._solid, self._efforts = object_solid, np.empty(0) if efforts is None else efforts
         self._radius = np.array([tip.radius for tip in fingertips])
         first = GraspState.first(n, self._settings)
+        self._unpack = state_unpacker(n)
         self._state = self.DeclareDiscreteState(first.to_vector())
         self._last = self.DeclareDiscreteState(pack(_AT_REST))
         # Goals of the fingertips in G since they press firmly, else NaN. Their measured places
         # would keep the strain of the touch, which then drives the object without end.
         self._sticking = self.DeclareDiscreteState(np.full(3 * n, np.nan))
         self._close = self.DeclareVectorInputPort("close", 1)
-        self._status = self.DeclareVectorInputPort("contact_status", n)
-        self._frames = self.DeclareVectorInputPort("contact_frames", 6 * n)
+        self._contacts = self.DeclareVectorInputPort("contacts", 7 * n)
         self._X_WO = self.DeclareAbstractInputPort("X_WO_estimated", ports.POSE)
         self._V_WO = self.DeclareAbstractInputPort("V_WO_estimated", ports.VELOCITY)
         self._p_WT = self.DeclareVectorInputPort("p_WT", 3 * n)
@@ -180,21 +167,19 @@ class GraspSequencer(LeafSystem):
         self._remembered = state = cache("stored state", first, self._calc_remembered, stored)
         sources = (time, stored, self._p_WT)
         self._held = held = cache("motion of held object", _AT_REST, self._calc_held, *sources)
-        sources = (held, self._pose.source, self._V_WO)
-        self._motion = motion = cache("level motion of G", _AT_REST, self._calc_motion, *sources)
-        self._X_WG = output("X_WG", ports.POSE, self._calc_X_WG, motion)
-        output("V_WG", ports.VELOCITY, self._calc_V_WG, motion)
-        output("standoffs", n, lambda c: state.Eval(c).standoffs, state)
+        any_value = AbstractValue.Make(object())
+        also = (self._pose.source, self._V_WO, tracking_status, self._contacts)
+        command = cache("command", object(), self._calc_command, time, held, *also)
+        self._command = command
+        output("command", any_value, command.Eval, command)
+        output("X_WG", ports.POSE, self._calc_X_WG, command)
         output("hold_contacts", 1, lambda c: state.Eval(c).holds_contacts, state)
-        output("fingers_hold", n, self._calc_fingers_hold, state, time)
-        output("squeeze_forces", 3 * n, self._calc_forces, time, stored, motion, self._frames)
         output("grasp_report", 4, self._calc_report, state)
-        output("V_WO_held", 7, self._calc_V_WO_held, held)
-        output("force_limits", n, self._calc_force_limits, state, time)
+        output("V_WO_held", ports.VELOCITY, self._calc_V_WO_held, held)
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._advance)
 
     def _calc_remembered(self, context: Context) -> GraspState:
-        return GraspState.from_vector(context.get_discrete_state(self._state).value())
+        return self._unpack(context.get_discrete_state(self._state).value())
 
     def _sticking_tips(self, context: Context) -> FloatArray:
         return np.asarray(context.get_discrete_state(self._sticking).value().reshape(-1, 3))
@@ -222,69 +207,77 @@ class GraspSequencer(LeafSystem):
             now = now.following(p_WT[on], p_GT[on], time - last.time, self._config.period)
         return now
 
-    def _calc_motion(self, context: Context) -> HeldMotion:
+    def _calc_command(self, context: Context) -> GraspCommand:
         state: GraspState = self._remembered.Eval(context)
-        if math.isfinite(state.gripped) and (
-            state.phase > GraspPhase.SQUEEZE or np.isfinite(self._sticking_tips(context)).any()
-        ):
-            held: HeldMotion = self._held.Eval(context)
-            return held
+        time, settings = context.get_time(), self._settings
+        R_WO, p_WO = self._pose.split(context)
         V_WO = ports.validated_velocity(self._V_WO.Eval(context))
-        return HeldMotion(context.get_time(), *self._pose.split(context), V_WO, np.zeros((2, 3)))
+        R_WG, p_WG, V_WG = R_WO, p_WO, V_WO
+        if self._is_gripped(context):
+            motion: HeldMotion = self._held.Eval(context)
+            R_WG, p_WG = motion.R_WG, motion.p_WG
+            V_WG = motion.V_WG + self._config.period / 2 * motion.A_WG
+        axis = self._rising_axis(state, time)
+        return GraspCommand(
+            R_WO=R_WO,
+            p_WO=p_WO,
+            V_WO=V_WO,
+            R_WG=R_WG,
+            p_WG=p_WG + state.height.value(time) * axis,
+            V_WG=np.array([V_WG[0], V_WG[1] + state.height.rate(time) * axis]),
+            is_tracked=self._pose.is_tracked(context),
+            holds_contacts=state.holds_contacts,
+            standoffs=state.standoffs,
+            fingers_hold=state.fingers_hold(time),
+            f_T_W=self._fingertip_forces(context, R_WG),
+            force_limits=state.force_limits(time, settings.touch_force),
+        )
+
+    def _is_gripped(self, context: Context) -> bool:
+        """Returns whether G moves with the fingertips, or as they left it."""
+        state: GraspState = self._remembered.Eval(context)
+        return math.isfinite(state.gripped) and bool(
+            state.phase > GraspPhase.SQUEEZE or np.isfinite(self._sticking_tips(context)).any()
+        )
+
+    def _rising_axis(self, state: GraspState, time: float) -> FloatArray:
+        return self._lift_axis if state.force.value(time) > 0 else self._palm_axis
 
     def _calc_X_WG(self, context: Context) -> RigidTransform:
-        motion: HeldMotion = self._motion.Eval(context)
-        p_WG = motion.p_WG + self._raised(context, Ramp.value)
-        return RigidTransform(RotationMatrix(motion.R_WG), p_WG)
+        command: GraspCommand = self._command.Eval(context)
+        return RigidTransform(RotationMatrix(command.R_WG), command.p_WG)
 
-    def _calc_V_WG(self, context: Context) -> SpatialVelocity:
-        motion: HeldMotion = self._motion.Eval(context)
-        return self._rising(context, motion.V_WG + self._config.period / 2 * motion.A_WG)
-
-    def _calc_V_WO_held(self, context: Context) -> FloatArray:
-        force = self._remembered.Eval(context).force.value(context.get_time())
-        if force == 0 or np.isnan(self._sticking_tips(context)).all():
-            return np.zeros(7)
-        return np.append(1.0, self._rising(context, self._held.Eval(context).V_WG).get_coeffs())
-
-    def _calc_fingers_hold(self, context: Context) -> FloatArray:
+    def _calc_V_WO_held(self, context: Context) -> SpatialVelocity:
         state: GraspState = self._remembered.Eval(context)
-        return state.fingers_hold(context.get_time()).astype(float)
+        time = context.get_time()
+        if state.force.value(time) == 0 or np.isnan(self._sticking_tips(context)).all():
+            return SpatialVelocity(np.full(6, np.nan))
+        w_WG, v_WG = self._held.Eval(context).V_WG
+        return SpatialVelocity(w=w_WG, v=v_WG + state.height.rate(time) * self._lift_axis)
 
-    def _calc_force_limits(self, context: Context) -> FloatArray:
-        state: GraspState = self._remembered.Eval(context)
-        return state.force_limits(context.get_time(), self._settings.touch_force)
-
-    def _rising(self, context: Context, V_WG: FloatArray) -> SpatialVelocity:
-        return SpatialVelocity(w=V_WG[0], v=V_WG[1] + self._raised(context, Ramp.rate))
-
-    def _raised(self, context: Context, change: Callable[[Ramp, float], float]) -> FloatArray:
-        state, time = self._remembered.Eval(context), context.get_time()
-        axis = self._lift_axis if state.force.value(time) > 0 else self._palm_axis
-        return np.asarray(change(state.height, time) * axis)
-
-    def _contacts(self, context: Context) -> tuple[FloatArray, FloatArray]:
-        p_OC, nhat = validated_numbers(self._frames.Eval(context)).reshape(2, -1, 3)
-        return p_OC, nhat
+    def _contact_frames(self, context: Context) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Returns points and normals of the contacts in O, shape (n, 3), and which are active."""
+        frames, active = np.split(self._contacts.Eval(context), [6 * len(self._radius)])
+        p_OC, nhat = validated_numbers(frames).reshape(2, -1, 3)
+        return p_OC, nhat, active > 0
 
     def _tips(self, context: Context) -> FloatArray:
         """Returns the fingertips' centres in G, shape (n, 3), in metres."""
         p_WT = validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
-        X_WG: RigidTransform = self._X_WG.Eval(context)
-        return np.asarray((p_WT - X_WG.translation()) @ X_WG.rotation().matrix())
+        command: GraspCommand = self._command.Eval(context)
+        return np.asarray((p_WT - command.p_WG) @ command.R_WG)
 
     def _advance(self, context: Context, discrete_state: DiscreteValues) -> None:
         state: GraspState = self._remembered.Eval(context)
-        p_OC, nhat = self._contacts(context)
+        command: GraspCommand = self._command.Eval(context)
+        p_OC, nhat, active = self._contact_frames(context)
         p_GT = self._tips(context)
         presses = np.zeros(len(p_OC))
         if state.phase >= GraspPhase.CLOSE:  # Forces are slow to compute, and not used before.
             f_T_W = validated_numbers(self._f_T_W.Eval(context)).reshape(-1, 3)
-            f_T_G = f_T_W @ self._X_WG.Eval(context).rotation().matrix()
-            presses = -np.sum(f_T_G * nhat, axis=1)
+            presses = -np.sum(f_T_W @ command.R_WG * nhat, axis=1)
         p_GT_goal = p_OC + (self._radius + state.standoffs)[:, None] * nhat
         distances = norms(p_GT_goal - p_GT)
-        active = is_active(self._status.Eval(context))
         close = float(self._close.Eval(context)[0])
         blocked = NOT_BLOCKED
         if self._blocked.HasValue(context):
@@ -297,7 +290,7 @@ class GraspSequencer(LeafSystem):
             distances=distances,
             gaps=np.add.reduce((p_GT - p_OC) * nhat, axis=1) - self._radius,
             presses=presses,
-            is_tracked=self._pose.is_tracked(context),
+            is_tracked=command.is_tracked,
             blocked=blocked,
         )
         squeeze = partial(self._plan_squeeze, context)
@@ -307,13 +300,18 @@ class GraspSequencer(LeafSystem):
         self._pose.store(context, discrete_state)
         if not GraspPhase.CLOSE <= state.phase <= GraspPhase.SQUEEZE:
             return  # In other phases nothing is gripped, or the motion is kept.
-        discrete_state.set_value(self._last, pack(self._motion.Eval(context)))
+        motion: HeldMotion = self._held.Eval(context)
+        if not self._is_gripped(context):
+            still = np.zeros((2, 3))
+            motion = HeldMotion(view.time, command.R_WO, command.p_WO, command.V_WO, still)
+        discrete_state.set_value(self._last, pack(motion))
         sticks = state.phase == GraspPhase.SQUEEZE
         sticking = p_GT_goal.ravel() if sticks else np.full(p_GT.size, np.nan)
         discrete_state.set_value(self._sticking, sticking)
 
     def _plan_squeeze(self, context: Context, active: BoolArray) -> Squeeze:
-        p_OC, nhat = (part[active] for part in self._contacts(context))
+        p_OC, nhat, _ = self._contact_frames(context)
+        p_OC, nhat = p_OC[active], nhat[active]
         if self._solid is not None and self._remembered.Eval(context).phase >= GraspPhase.CLOSE:
             p_OT = self._tips(context)[active]
             distances, nhat = self._solid.distance_and_gradient(p_OT)
@@ -343,19 +341,19 @@ class GraspSequencer(LeafSystem):
         forces[active] = planned.forces
         return planned._replace(forces=forces)
 
-    def _calc_forces(self, context: Context) -> FloatArray:
+    def _fingertip_forces(self, context: Context, R_WG: FloatArray) -> FloatArray:
+        """Returns the forces that the fingertips should press with, in W, shape (n, 3)."""
         state: GraspState = self._remembered.Eval(context)
         share = state.force.value(context.get_time())
         if share == 0 and not state.touched.any():
             return np.zeros(state.forces.shape)
-        _, nhat = self._contacts(context)
+        _, nhat, _ = self._contact_frames(context)
         touch = -self._settings.touch_force * state.touched[:, None] * np.nan_to_num(nhat)
-        R_GW = self._motion.Eval(context).R_WG.T
-        planned, on = state.forces @ R_GW, state.active
+        planned, on = state.forces @ R_WG.T, state.active
         last, stands = self._last_motion(context)
         lifted = 0.0 if stands else min(1.0, (context.get_time() - last.time) / _WEIGHT_DURATION)
         planned[on, 2] -= (1 - lifted) * np.sum(planned[on, 2]) / max(1, np.sum(on))
-        return np.asarray((1 - share) * touch @ R_GW + share * planned)
+        return np.asarray((1 - share) * touch @ R_WG.T + share * planned)
 
     def _calc_report(self, context: Context) -> list[float]:
         state: GraspState = self._remembered.Eval(context)

@@ -29,13 +29,14 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.planning import RobotDiagram
 from pydrake.systems.framework import Context
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.geometry.mesh_solid import MeshSolid
+from drake_pregrasp.geometry.rotations import skew
 from drake_pregrasp.geometry.sampling import split_triangles
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.grasping.grasp_state import BASE
-from drake_pregrasp.quality.grasp_quality import skew
-from drake_pregrasp.systems.fingertip_sensor import (
+from drake_pregrasp.grasping.hand_commands import GraspCommand
+from drake_pregrasp.systems.hand_kinematics import (
     HandKinematics,
     HandLink,
     frame_poses,
@@ -196,6 +197,9 @@ class HandScene:
         poses.set_value(self._obstacle_frame, RigidTransform())
         self._graph.get_source_pose_port(self._source).FixValue(graph, poses)
         inspector = self._query.Eval(graph).inspector()
+        there = inspector.NumGeometriesForFrame(self._obstacle_frame)
+        if not there and not obstacles:
+            return
         old = inspector.GetGeometries(self._obstacle_frame, Role.kProximity)
         names = {inspector.GetName(g): g for g in old}
         for index, solid in enumerate(obstacles):
@@ -212,9 +216,7 @@ class HandScene:
         for geometry in names.values():
             self._graph.RemoveGeometry(graph, self._source, geometry)
 
-    def clearances(
-        self, context: Context, screws: FloatArray, V_WO: FloatArray, holding: BoolArray
-    ) -> Clearances:
+    def clearances(self, context: Context, screws: FloatArray, command: GraspCommand) -> Clearances:
         """Returns the constraints on the hand's velocities.
 
         Fingertips that hold the object may touch it, but their links stay farther from it.
@@ -222,10 +224,11 @@ class HandScene:
         Args:
             context: Context of the diagram after `place`.
             screws: Screws of the hand's joints (`HandKinematics`), shape (6, nq).
-            V_WO: Angular and linear velocity of the object's frame O in W, shape (2, 3).
-            holding: Whether each fingertip holds the object or closes on it, shape (n,): only other
-                fingers are kept clear of it.
+            command: Velocity of the object, and which fingertips hold it or close on it: these are
+                kept clear of other fingers only.
         """
+        holding = command.fingers_hold
+        w_WO, v_WO = command.V_WG if holding.any() else command.V_WO
         query = self._query.Eval(self._graph.GetMyContextFromRoot(context))
         index, others, links = self._index, len(self._index), len(self._frames)
         found = []
@@ -254,7 +257,6 @@ class HandScene:
             gaps[rows], p_WC[rows], normals[rows] = self._nearest(solid, link[rows], plant_context)
         along = np.concatenate([(skew(p_WC) @ normals[:, :, None])[:, :, 0], normals], axis=1)
         rates = (along @ screws) * (self._moves[link] - self._moves[other])
-        w_WO, v_WO = V_WO
         at_origin = np.concatenate([w_WO, v_WO + skew(X_WO.translation()) @ w_WO])  # Of W.
         drift = is_object * (along @ at_origin)
         speeds = np.minimum(_RATE * (least_gaps - gaps), _RETREAT) + drift

@@ -9,7 +9,7 @@ from pydrake.multibody.plant import ContactResults
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from drake_pregrasp.arrays import FloatArray, tick_index
-from drake_pregrasp.systems.fingertip_sensor import HandLink
+from drake_pregrasp.systems.hand_kinematics import HandLink
 
 TOUCHED = ("object", "surroundings", "hand")
 """Names of the elements of `link_forces`: the kinds of things that links touch."""

@@ -10,12 +10,12 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 from drake_pregrasp.arrays import (
     FARTHEST,
     FloatArray,
+    are_valid,
     finite_vector,
     number_or_nan,
     pack,
     tick_index,
     unpacker,
-    validated_numbers,
 )
 from drake_pregrasp.config.planner_config import EstimatorConfig, tracker_settings
 from drake_pregrasp.config.validation import checked
@@ -29,7 +29,7 @@ from drake_pregrasp.estimation.pose_track import (
 )
 from drake_pregrasp.estimation.pose_tracker import OLDEST, update_track
 from drake_pregrasp.fast import fast_filter_step
-from drake_pregrasp.quality.grasp_quality import skew
+from drake_pregrasp.geometry.rotations import skew
 from drake_pregrasp.systems.ports import POSE, VELOCITY, declare_cache, declare_output
 
 WAITING_STD = 1.0
@@ -67,11 +67,10 @@ class PoseEstimator(LeafSystem):
     `late_measurements` used ones are newer; otherwise it is refused. If the port is unconnected,
     every sample is new and was measured at its tick.
 
-    Port `V_WO_held` (optional) accepts a vector of 7. Its first element is 1 while a hand holds the
-    object, else 0. The others are the angular velocity, in rad/s, and the velocity, in m/s, with
-    which the hand moves O in W. A change of these velocities changes the estimated ones by as much;
-    measurements still correct them. Out-of-sequence measurements from before a change are refused.
-    If an element is not finite, no hand holds the object.
+    Port `V_WO_held` (optional) accepts a `SpatialVelocity`: that with which a hand moves O in W;
+    not finite while no hand holds the object. A change of this velocity changes the estimated one
+    by as much; measurements still correct it. Out-of-sequence measurements from before a change are
+    refused.
 
     Port `X_WO_estimated` emits a `RigidTransform`: the estimated pose.
 
@@ -143,7 +142,7 @@ class PoseEstimator(LeafSystem):
         self._track_index = self.DeclareDiscreteState(pack(self._no_track))
         self._X_WO_measured = self.DeclareAbstractInputPort("X_WO_measured", POSE)
         self._measurement_time = self.DeclareVectorInputPort("measurement_time", 1)
-        self._V_WO_held = self.DeclareVectorInputPort("V_WO_held", 7)
+        self._V_WO_held = self.DeclareAbstractInputPort("V_WO_held", VELOCITY)
         time = self.time_ticket()
         self._track = track = declare_cache(
             self,
@@ -196,10 +195,10 @@ class PoseEstimator(LeafSystem):
 
     def _twist(self, context: Context, track: PoseTrack) -> FloatArray:
         """Returns the present twist of the held object, at its centre of mass, or NaN."""
-        V_WO: FloatArray = self._V_WO_held.Eval(context)
-        if not 0 < V_WO[0] <= FARTHEST:
+        V_WO: FloatArray = self._V_WO_held.Eval(context).get_coeffs()
+        if not are_valid(V_WO):
             return _UNKNOWN
-        w_WO, v_WO = validated_numbers(V_WO[1:]).reshape(2, 3)
+        w_WO, v_WO = V_WO.reshape(2, 3)
         return np.array([w_WO, v_WO + skew(w_WO) @ (track.newest.R_WO @ self._p_OCoM)])
 
     def _store_track(self, context: Context, discrete_state: DiscreteValues) -> None:

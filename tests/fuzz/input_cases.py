@@ -85,7 +85,7 @@ def _value(rng: random.Random, port: str, *, wild_poses: bool) -> Value:
     if port == "V_WO_estimated":
         return ("velocity", *(_number(rng, 0.5, wild=wild) for _ in range(6)))
     if port == "V_WO_held":
-        return ("vector", rng.choice((0, 1, 1)), *(_number(rng, 0.5, wild=wild) for _ in range(6)))
+        return ("velocity", *(_number(rng, 0.5, wild=wild) for _ in range(6)))
     if port == "p_WO_covariance":
         if not wild:
             return ("vector", *(np.diag([10 ** rng.uniform(-8, 1)] * 3).ravel().tolist()))

@@ -18,7 +18,7 @@ from drake_pregrasp import (
 from drake_pregrasp.cli import main
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.robots import allegro_panda
-from drake_pregrasp.systems.palm_posture import pose_error
+from drake_pregrasp.systems.palm_frames import pose_error
 
 pytestmark = pytest.mark.slow
 NAME = "grasp_allegro_panda"

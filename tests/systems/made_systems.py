@@ -12,7 +12,9 @@ import drake_pregrasp as dp
 from drake_pregrasp.config.hand_description import Fingertip
 from drake_pregrasp.config.planner_config import MeasuresConfig
 from drake_pregrasp.config.sensor_config import SensorConfig
-from drake_pregrasp.grasping.grasp_state import NOT_BLOCKED
+from drake_pregrasp.contacts.assignment import FREE_TURN
+from drake_pregrasp.grasping.grasp_state import NO_LIMIT, NOT_BLOCKED
+from drake_pregrasp.grasping.hand_commands import GraspCommand, HandGoals
 from drake_pregrasp.regions.finger_measures import FingerMeasures
 from drake_pregrasp.systems.sources import HandPose
 
@@ -25,6 +27,7 @@ NO_POSES = (
     RigidTransform(RotationMatrix.MakeUnchecked(1.1 * np.eye(3)), np.zeros(3)),
 )
 X_WO = RigidTransform(RollPitchYaw(0.2, -0.4, 1.0), [0.5, -0.3, 0.2])
+CUBE = dp.BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1))
 
 
 def planner_config(limits=None, **changes):
@@ -59,17 +62,21 @@ def make_estimator(period=PERIOD, p_OCoM=None, **changes):
     return dp.PoseEstimator(dp.EstimatorConfig(**changes), period=period, p_OCoM=p_OCoM)
 
 
-def make_shaper(*, fixed=(), p_GT=1.2 * 0.079 * RING, target_period=PERIOD, lead=0.0, **changes):
-    return dp.FingertipGoalShaper(
+def make_shaper(
+    palm=None, *, fixed=(), p_GT=1.2 * 0.079 * RING, target_period=PERIOD, lead=0.0, **changes
+):
+    palm = palm or {}
+    return dp.HandGoalShaper(
         dp.GraspConfig(**changes),
         tip_frames=FRAMES,
         tip_radius=RADIUS,
-        object_solid=dp.BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1)),
+        object_solid=CUBE,
         fixed=fixed,
         p_GT=p_GT,
         finger_azimuths=AROUND,
         target_period=target_period,
         lead=lead,
+        **palm,
     )
 
 
@@ -87,31 +94,47 @@ def make_sequencer(config=None, object_solid=None, **changes):
     )
 
 
-def make_reference(initial=None):
-    initial = np.full(NQ, 0.1) if initial is None else initial
-    return dp.JointReference(HAND.kinematics, period=CONTROL_PERIOD, initial=initial)
-
-
-def make_carrier(home=None, **changes):
-    arguments = {"gain": 5.0, "period": CONTROL_PERIOD, "carrier": [0, 1, 2, 3], **changes}
-    home = HAND.home(np.zeros(3), 0.0) if home is None else home
-    return dp.CarrierPosture(tip_frames=FRAMES, finger_azimuths=AROUND, home=home, **arguments)
-
-
-def make_arm(**changes):
+def make_kinematics(scene=None, base=HAND.base, initial=None, **changes):
+    scene = scene or HAND.make_scene(CUBE, [])
+    initial = HAND.home(X_G.translation(), 0.0) if initial is None else initial
     arguments = {
-        "tip_frames": FRAMES,
-        "palm_frame": "palm",
-        "finger_azimuths": AROUND,
-        "X_GP": RigidTransform([0.0, 0.0, 0.1]),
-        "home": np.zeros(NQ),
-        "p_WG": np.zeros(3),
-        "yaw": 0.0,
-        "lead": 0.03,
+        "base": base,
+        "home": HAND.fingers_home,
+        "initial": initial,
+        "yaw_range": FREE_TURN,
+        "acceleration": 5.0,
         "period": CONTROL_PERIOD,
-        **changes,
     }
-    return dp.ArmPosture(**arguments)
+    return dp.DifferentialKinematics(scene, **(arguments | changes))
+
+
+def grasp_command(X_WO=None, X_WG=None, V_WO=None, V_WG=None, **changes):
+    """A command while the hand tracks an object at rest; G is at O unless it is given."""
+    X_WO = RigidTransform() if X_WO is None else X_WO
+    X_WG = X_WO if X_WG is None else X_WG
+    still = SpatialVelocity.Zero()
+    fields = {
+        "R_WO": X_WO.rotation().matrix(),
+        "p_WO": X_WO.translation(),
+        "V_WO": (V_WO or still).get_coeffs().reshape(2, 3),
+        "R_WG": X_WG.rotation().matrix(),
+        "p_WG": X_WG.translation(),
+        "V_WG": (V_WG or still).get_coeffs().reshape(2, 3),
+        "is_tracked": True,
+        "holds_contacts": False,
+        "standoffs": np.full(N, dp.GraspConfig().standoff),
+        "fingers_hold": np.zeros(N, dtype=bool),
+        "f_T_W": np.zeros((N, 3)),
+        "force_limits": np.full(N, NO_LIMIT),
+    }
+    return GraspCommand(**(fields | changes))
+
+
+def hand_goals(p_WT, v_WT=None, p_WL=None, v_WL=None, yaw=0.0, yaw_rate=0.0):
+    """Goals of the fingertips, and of a palm over a point, by default the origin."""
+    v_WT = np.zeros((N, 3)) if v_WT is None else v_WT
+    p_WL, v_WL = (np.zeros(3) if value is None else np.array(value) for value in (p_WL, v_WL))
+    return HandGoals(np.array(p_WT), v_WT, p_WL, v_WL, yaw, yaw_rate)
 
 
 def partition(surface, p_OC, inputs=None, X=X_WO, **settings):
@@ -154,9 +177,7 @@ MAKERS = {
     "selector": lambda: make_selector(SURFACE, P_OC),
     "hand pose": lambda: HandPose(X_G),
     "fingertip sensor": lambda: dp.FingertipSensor(HAND.kinematics),
-    "reference": make_reference,
-    "carrier": lambda: make_carrier(np.zeros(NQ)),
-    "arm": lambda: make_arm(p_WG=X_G.translation()),
+    "kinematics": make_kinematics,
     "shaper": lambda: make_shaper(lead=0.03, target_period=CONTROL_PERIOD),
     "sequencer": make_sequencer,
     "monitor": lambda: dp.GraspQualityMonitor(MEASURES, surface=SURFACE, num_contacts=N),
@@ -177,13 +198,13 @@ def wall(x):
     return dp.Obstacles((dp.HalfSpace(X_G @ np.array([x, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0])),))
 
 
-FRAME_NAMES = ("X_WO", "X_WO_estimated", "X_WO_measured", "X_WG", "X_WH", "X_WU")
-CONTACT_FRAMES = np.concatenate([0.05 * RING, RING]).ravel()
+FRAME_NAMES = ("X_WO", "X_WO_estimated", "X_WO_measured", "X_WH", "X_WU")
+CONTACTS = np.concatenate([0.05 * RING, RING], axis=None)
 VALUES = {
     **dict.fromkeys(FRAME_NAMES, (X_G, X_G @ TURNED)),
     "V_WO_estimated": (SLOW, FAST),
-    "V_WG": (SLOW, FAST),
-    "V_WO_held": (np.append(1, SLOW.get_coeffs()), np.append(1, FAST.get_coeffs())),
+    "V_WO_held": (SLOW, FAST),
+    "command": (grasp_command(X_G), grasp_command(X_G @ TURNED, V_WG=FAST)),
     "noise": (np.zeros(6), np.ones(6)),
     "measurement_time": ([0.0], [-np.inf]),
     "p_WO_covariance": (1e-6 * np.eye(3).ravel(), 1e-2 * np.eye(3).ravel()),
@@ -198,18 +219,17 @@ VALUES = {
     "contact_status": (np.ones(N), np.array([1.0, 1, 1, 1, 0])),
     "hold_contacts": ([0.0], [1.0]),
     "fingertip_targets": (bus(ring(0.05), RING), bus(ring(0.06), RING)),
-    "tip_goals": (bus(ring(0.08), RING), bus(in_world(P_OC), RING)),
-    "standoffs": (np.full(N, 0.02), np.zeros(N)),
-    "fingers_hold": (np.zeros(N), np.ones(N)),
+    "goals": (
+        hand_goals(ring(0.08), p_WL=X_G.translation()),
+        hand_goals(ring(0.09), p_WL=X_G.translation()),
+    ),
     "close": ([0.0], [1.0]),
-    "contact_frames": (CONTACT_FRAMES, -CONTACT_FRAMES),
+    "contacts": (np.append(CONTACTS, np.ones(N)), np.append(-CONTACTS, np.ones(N))),
     "p_WT": (ring(0.05 + RADIUS + 0.02).ravel(), (ring(0.05) + 0.01).ravel()),
     "f_T_W": (np.zeros(3 * N), np.ones(3 * N)),
-    "force_limits": (np.full(N, 0.5), np.full(N, 0.1)),
     "J_WT": (np.zeros(3 * N * NQ), np.ones(3 * N * NQ)),
     "hand_state": (np.zeros(2 * NQ), np.full(2 * NQ, 0.1)),
     "net_actuation": (np.ones(NQ), np.full(NQ, 2.0)),
-    "commanded_velocity": (np.full(NQ, 0.1), np.zeros(NQ)),
 }
 
 

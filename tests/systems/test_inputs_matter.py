@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from driven import Driven
-from made_systems import CONTROL_PERIOD, MAKERS, PERIOD, SETTINGS, VALUES, X_G, N, driven
+from made_systems import CONTROL_PERIOD, MAKERS, NQ, PERIOD, SETTINGS, VALUES, X_G, N, driven
 
 from drake_pregrasp import EstimatorConfig
 from drake_pregrasp.arrays import pack
@@ -34,6 +34,8 @@ def test_outputs_follow_their_inputs(name):
             fresh.context.SetDiscreteState(0, TOUCHED.to_vector())
             fresh.context.SetDiscreteState(2, np.arange(3.0 * N))
             fresh.context.SetTime(CONTROL_PERIOD)
+        if name == "kinematics":  # Forces are limited, so that measured positions matter.
+            fresh.context.SetDiscreteState(1, np.repeat([0.0, 0.1], [NQ, N]))
         if name == "estimator":  # With this state, the estimate depends on all its inputs.
             fresh.context.SetDiscreteState(0, [-PERIOD])
             fresh.context.SetDiscreteState(1, pack(TRACK))

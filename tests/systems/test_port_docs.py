@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from driven import port_names
-from made_systems import AROUND, FRAMES, make_arm
+from made_systems import AROUND, FRAMES
 from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.systems.framework import Diagram, System
 
@@ -56,7 +56,7 @@ def systems() -> dict[type, System]:
         Reassignment(FRAMES, azimuths=AROUND, period=0.05),
         ReactiveChoice(FRAMES, **cube, period=0.05),
     )
-    alone = make_arm(), stationary, *others
+    alone = stationary, *others
     made = itertools.chain(alone, *map(all_parts, made_diagrams()))
     by_class = {type(system): system for system in made}
     return {c: s for c, s in by_class.items() if c.__module__.startswith("drake_pregrasp")}

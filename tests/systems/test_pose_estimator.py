@@ -5,6 +5,7 @@ import pytest
 from driven import Driven
 from made_systems import PERIOD, make_estimator
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.multibody.math import SpatialVelocity
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import InvalidArgumentError, TrackingStatus
@@ -141,7 +142,7 @@ def test_a_lift_that_the_estimator_is_told_of_is_no_surprise(is_told):
         up = np.array([0, 0, min(rising, 0.5)])  # Accelerates at 1 m/s^2 for 0.5 s.
         p_WO = X_0.translation() + up * (rising - up[2] / 2)
         seen = RigidTransform(X_0.rotation(), p_WO + rng.normal(scale=NOISE.position, size=3))
-        held = np.array([1.0, 0, 0, 0, *up]) if is_told else np.zeros(7)
+        held = SpatialVelocity(np.append(np.zeros(3), up) if is_told else np.full(6, np.nan))
         estimator.at(time, X_WO_measured=seen, V_WO_held=held)
         refused += estimator.array("measurement_verdict")[0] >= Verdict.UNUSABLE
         errors.append(np.linalg.norm(pose(estimator).translation() - p_WO))

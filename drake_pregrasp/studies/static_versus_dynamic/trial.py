@@ -20,7 +20,7 @@ from drake_pregrasp.diagrams.hand_station import TABLE, add_simulated_hand
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
+from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState, state_unpacker
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.simulation.scenario import Scenario, hand_planner
 from drake_pregrasp.studies.static_versus_dynamic import (
@@ -32,7 +32,7 @@ from drake_pregrasp.studies.static_versus_dynamic import (
 )
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import GoalSample, Outcome, TrialJob
 from drake_pregrasp.systems.loggers import GraspLogger, GraspRecord
-from drake_pregrasp.systems.palm_posture import reach_frame
+from drake_pregrasp.systems.palm_frames import reach_frame
 from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
 from drake_pregrasp.systems.sources import ContactWeights, MovingObstacles
 
@@ -143,7 +143,7 @@ class Trial:
                 break
         sequencer = self._controller.GetSubsystemByName("grasp_sequencer")
         context = sequencer.GetMyContextFromRoot(self.context)
-        return GraspState.from_vector(context.get_discrete_state(0).value())
+        return state_unpacker(len(self.hand.tip_radii))(context.get_discrete_state(0).value())
 
     def _advance(self) -> None:
         """Advances to the exact time of the next planning tick, so that the planner runs once."""

@@ -1,14 +1,15 @@
-"""Systems of a hand's joints: measured fingertip forces, and the joints' reference."""
+"""Kinematics of a hand, and the forces and positions that its fingertips measure."""
 
 import numpy as np
 import pytest
 from driven import Driven
-from made_systems import CONTROL_PERIOD, HAND, NQ, N, make_reference
+from made_systems import HAND, NQ, N
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
 from drake_pregrasp import InvalidArgumentError
-from drake_pregrasp.systems.fingertip_sensor import LARGEST_RATE, FingertipSensor, HandKinematics
+from drake_pregrasp.systems.fingertip_sensor import FingertipSensor
+from drake_pregrasp.systems.hand_kinematics import HandKinematics
 
 Q = HAND.home(np.array([0.1, -0.05, 0.05]), 0.4) + 0.05 * np.sin(np.arange(NQ))
 FORCES = np.random.default_rng(1).normal(size=(N, 3))
@@ -42,57 +43,6 @@ def test_a_stretched_finger_shows_no_force_that_its_torques_hide(curl):
     J = sensor.array("J_WT").reshape(N, 3, NQ)
     sensor.fix(net_actuation=np.einsum("nij,ni->j", J, across))
     np.testing.assert_allclose(sensor.array("f_T_W").reshape(N, 3), across, atol=1e-6)
-
-
-def test_a_reference_moves_steadily_between_ticks():
-    v = np.linspace(-0.2, 0.2, NQ)
-    reference = Driven(make_reference(Q), commanded_velocity=v)
-    reference.advance(CONTROL_PERIOD / 2)  # The first tick is over.
-    for time in (0.03, 0.04, 0.047, 0.06):
-        reference.simulator.AdvanceTo(time)
-        q = reference.array("position")
-        np.testing.assert_allclose(q, Q + v * time, atol=1e-12)
-        desired = reference.array("desired_state")
-        np.testing.assert_allclose(desired, np.concatenate([q, v]), atol=1e-12)
-
-
-def test_a_finger_that_is_in_the_way_presses_with_no_more_than_its_limit():
-    limits = np.array([0.5, 0.5, np.nan, 2.0, 2.0])
-    now = Q - joint_torques(3 * FORCES) / HAND.kinematics.stiffness
-    reference = Driven(
-        make_reference(Q),
-        commanded_velocity=np.zeros(NQ),
-        f_T_W=np.zeros(3 * N),
-        force_limits=limits,
-        hand_state=np.append(now, np.zeros(NQ)),
-    )
-    desired, _ = reference.array("desired_state").reshape(2, NQ)
-    plant = HAND.kinematics.plant
-    context = plant.CreateDefaultContext()
-    plant.SetPositions(context, Q)
-    torques = HAND.kinematics.stiffness * (desired - now)
-    forces = HAND.kinematics.tip_forces(context, torques)
-    level = np.linalg.norm(3 * FORCES[:, :2], axis=1)
-    shares = np.minimum(1, np.nan_to_num(limits, nan=np.inf) / level)
-    assert np.any(shares < 1)
-    assert np.any(shares[3:] < 1)
-    expected = 3 * FORCES * np.stack([shares, shares, np.ones(N)], axis=1)
-    np.testing.assert_allclose(forces, expected, atol=1e-6)
-
-
-def test_a_reference_stays_within_limits_and_rates():
-    reference = Driven(make_reference(Q), commanded_velocity=100.0 * np.eye(NQ)[5])
-    reference.tick()
-    assert reference.array("desired_state")[NQ + 5] == LARGEST_RATE
-    reference.advance(1.0)
-    assert reference.array("position")[5] == HAND.kinematics.upper[5]
-    assert reference.array("desired_state")[NQ + 5] == 0
-
-
-def test_a_reference_presses_by_its_stiffness():
-    reference = Driven(make_reference(Q), f_T_W=FORCES.ravel())
-    torques = HAND.kinematics.stiffness * (reference.array("desired_state")[:NQ] - Q)
-    np.testing.assert_allclose(torques, joint_torques(FORCES), atol=1e-9)
 
 
 LINK = """<link name="{}"><inertial><mass value="1"/>

@@ -1,0 +1,62 @@
+"""What the systems of a hand's controller tell each other in a control tick."""
+
+from dataclasses import dataclass
+
+from drake_pregrasp.arrays import BoolArray, FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class GraspCommand:
+    """What the phase of a grasp asks of fingertips, palm and joints; all numbers are valid.
+
+    Attributes:
+        R_WO: Orientation of the object, as last estimated, shape (3, 3).
+        p_WO: Position of the object in W, shape (3,), in metres.
+        V_WO: Angular velocity, and velocity of the origin, of the object in W, shape (2, 3), in
+            rad/s and m/s.
+        R_WG: Orientation of the frame G in which goals are planned, shape (3, 3).
+        p_WG: Position of G in W, shape (3,), in metres.
+        V_WG: Velocity of G, as that of the object, on average until the next tick, shape (2, 3).
+        is_tracked: Whether goals may follow the estimate.
+        holds_contacts: Whether contacts are fixed on the object.
+        standoffs: Gap between each fingertip and the surface, shape (n,), in metres; negative
+            values press.
+        fingers_hold: Whether each finger holds its contact, or closes on it, shape (n,).
+        f_T_W: Forces that the fingertips should press with, in W, shape (n, 3), in newtons.
+        force_limits: Largest horizontal force of each fingertip, shape (n,), in newtons;
+            `NO_LIMIT` for none.
+    """
+
+    R_WO: FloatArray
+    p_WO: FloatArray
+    V_WO: FloatArray
+    R_WG: FloatArray
+    p_WG: FloatArray
+    V_WG: FloatArray
+    is_tracked: bool
+    holds_contacts: bool
+    standoffs: FloatArray
+    fingers_hold: BoolArray
+    f_T_W: FloatArray
+    force_limits: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class HandGoals:
+    """Goals of the fingertips and of the palm in W.
+
+    Attributes:
+        p_WT: Centres of the fingertips when the goals are due, shape (n, 3), in metres.
+        v_WT: Velocities of these goals, shape (n, 3), in m/s.
+        p_WL: Point on the palm's axis, the centre of mass of an object at G, shape (3,), in metres.
+        v_WL: Velocity of that point, shape (3,), in m/s.
+        yaw: Yaw of the palm about z of the approach A, in radians.
+        yaw_rate: Rate of change of the yaw, in rad/s.
+    """
+
+    p_WT: FloatArray
+    v_WT: FloatArray
+    p_WL: FloatArray
+    v_WL: FloatArray
+    yaw: float
+    yaw_rate: float

@@ -1,0 +1,89 @@
+"""Joint velocities that follow goals first and a posture second, within linear constraints."""
+
+import numpy as np
+from scipy.linalg import pinv
+from scipy.linalg.lapack import dposv, dpotrf, dtrtrs
+from scipy.optimize import nnls
+
+from drake_pregrasp.arrays import FloatArray
+
+_TRACKING_WEIGHT = 1e4  # Weight of goals against posture.
+_DAMPING = 1e-3  # Singular value of a Jacobian, in metres, below which its direction is given up.
+_TOLERANCE = 1e-9  # Violation of a constraint that is rounding, in m/s or rad/s.
+
+
+def joint_velocities(
+    J: FloatArray, V: FloatArray, v_posture: FloatArray, A: FloatArray, b: FloatArray
+) -> FloatArray | None:
+    """Returns the v with A v >= b that follows goals, and a posture where they leave it free.
+
+    Without constraints it is v = v₀ + J⁺ (V - J v₀) with the velocity v₀ of the posture. If this v
+    violates a constraint, the same two errors are minimised with weights:
+
+        min W |J v - V|² + |(I - J⁺ J)(v - v₀)|² + d² |v - v₀|²  subject to  A v >= b.
+
+    Args:
+        J: Jacobian of the goals, shape (k, nq).
+        V: Velocities of the goals, shape (k,).
+        v_posture: Velocities v₀ toward the posture, shape (nq,).
+        A: Gradients of the constraints, shape (m, nq).
+        b: Least values of the constraints, shape (m,).
+
+    Returns:
+        The velocities, shape (nq,), or None if no v satisfies all constraints.
+    """
+    J_plus = _pseudoinverse(J)
+    v: FloatArray = v_posture + J_plus @ (V - J @ v_posture)
+    if np.minimum.reduce(A @ v - b) >= -_TOLERANCE:
+        return v
+    # Both errors are zero at this v, so the cost is a norm of its change.
+    each = np.eye(len(v))
+    H = _TRACKING_WEIGHT * J.T @ J + (each - J_plus @ J) + _DAMPING**2 * each
+    return constrained_velocities(H, v, A, b)
+
+
+def constrained_velocities(
+    H: FloatArray, v_free: FloatArray, A: FloatArray, b: FloatArray
+) -> FloatArray | None:
+    """Returns the v with A v >= b that minimises (v - v_free)ᵀ H (v - v_free), or None without one.
+
+    In x = Lᵀ (v - v_free) with H = L Lᵀ it is the point of a polyhedron that is nearest to the
+    origin, which non-negative least squares find (Lawson and Hanson, "Solving Least Squares
+    Problems", chapter 23).
+
+    Args:
+        H: Positive definite matrix, shape (nq, nq).
+        v_free: Velocities without constraints, shape (nq,).
+        A: Gradients of the constraints, shape (m, nq).
+        b: Least values of the constraints, shape (m,).
+    """
+    lacking = b - A @ v_free
+    if not np.isfinite(lacking).all():
+        return None
+    scale = np.maximum.reduce(lacking)
+    if scale <= 0:
+        return v_free
+    L, failure = dpotrf(H, lower=True, clean=True)
+    if failure:
+        return None
+    G, _ = dtrtrs(L, A.T, lower=True)  # Of the constraints Gᵀ x >= lacking.
+    target = np.append(np.zeros(len(v_free)), 1.0)
+    rows = np.concatenate([G, [lacking / scale]])
+    try:
+        multipliers, distance = nnls(rows, target)
+    except RuntimeError:  # It has not converged.
+        return None
+    if distance < _TOLERANCE:  # A positive combination of constraints is a contradiction.
+        return None
+    residual = rows @ multipliers - target
+    change, _ = dtrtrs(L, -scale / residual[-1] * residual[:-1], lower=True, trans=True)
+    return np.asarray(v_free + change)
+
+
+def _pseudoinverse(J: FloatArray) -> FloatArray:
+    """Returns J⁺, in which directions of singular values up to `_DAMPING` are given up."""
+    _, inverse, failure = dposv(J @ J.T, np.eye(len(J)))  # Takes half as long as numpy's.
+    # The norm of the inverse is at least the largest 1/s².
+    if not failure and np.vdot(inverse, inverse) < _DAMPING**-4:
+        return np.asarray(J.T @ inverse)
+    return np.asarray(pinv(J, atol=_DAMPING, rtol=0))

@@ -1,0 +1,284 @@
+"""Goals of fingertips and palm that a hand can follow without collisions, from contact goals."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.grasp_config import GraspConfig
+from drake_pregrasp.config.validation import checked
+from drake_pregrasp.contacts.assignment import FREE_TURN, palm_turn
+from drake_pregrasp.contacts.selection_input import is_active
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.geometry.rotations import rotation_matrix, skew
+from drake_pregrasp.geometry.solids import PlacedSolid, SignedDistance, Solid
+from drake_pregrasp.grasping.fingertip_paths import MOVING_CLEARANCE, Pace, TipPlaces, shape_goals
+from drake_pregrasp.grasping.hand_commands import GraspCommand, HandGoals
+from drake_pregrasp.regions.obstacles import ANYWHERE
+from drake_pregrasp.systems import ports
+from drake_pregrasp.systems.palm_frames import FROM_ABOVE, reach_frame, turned_frame
+
+GOAL_SHARE = 0.5
+"""Share of `tip_acceleration` for the motion over the object, which may itself accelerate."""
+
+
+class HandGoalShaper(LeafSystem):
+    """Turns contact goals into goals of fingertips and palm that move with the object.
+
+    .. pydrake_system::
+
+        name: HandGoalShaper
+        input_ports:
+        - fingertip_targets
+        - contact_status
+        - command
+        - obstacles
+        output_ports:
+        - goals
+        - contacts
+        - p_GT
+        - X_WH
+        - X_WU
+
+    Port `fingertip_targets` accepts a `BusValue` as `CentroidSelector` emits it: for each name in
+    `tip_frames` the pose of a contact goal in W, with its z axis along the inward normal. A finger
+    whose entry is missing or invalid keeps its contact.
+
+    Port `contact_status` accepts a vector of n `ContactStatus` values.
+
+    Port `command` accepts a `GraspCommand`, as `GraspSequencer` emits it. Goals are planned in its
+    frame G, and keep its standoffs. Contacts are not updated while it holds them, or while the
+    object is not tracked, because `fingertip_targets` are then off the surface.
+
+    Port `obstacles` (optional) accepts `Obstacles` in W. Fingertips avoid its solids, unless they
+    hold their contacts. While an obstacle has numbers that are not finite, fingertips stay where
+    they are in G.
+
+    Port `goals` emits `HandGoals`: those of the fingertips `lead` after the Context's time, and
+    those of the palm at this time. The palm is over the centre of mass in G. It turns to the yaw of
+    `palm_turn`, which brings its fingers nearest to their goals, continuously and within its
+    range.
+
+    Port `contacts` emits a vector of 7n: the contacts that the fingertips go to, in O, in metres,
+    one after another, then the outward unit normals there, then for each finger 1 if it is active
+    and else 0, as of the last tick. Where a fingertip has no room, for example close to the table,
+    its contact is shifted along the surface.
+
+    Port `p_GT` emits a vector of 3n: the goals in G, as of the last tick, in metres.
+
+    Port `X_WH` emits a `RigidTransform`: the frame H of the fingers' reach in W. At yaw 0 it is the
+    frame A of the approach; from above, its origin is the centre of mass and its z axis is up. H
+    turns with a palm that turns without limits; for a palm of limited range its yaw is the middle
+    of that range, from which the palm can turn either way while the fingers close.
+
+    Port `X_WU` emits a `RigidTransform`: the frame U of the palm in W, as of the last tick. It
+    is as H, but always turns with the palm.
+
+    Goals move over the object with at most `goal_speed` and half of `tip_acceleration`, so they do
+    not jump when contacts do, unless an obstacle or another fingertip pushes them away. They are
+    clear of the object and of everything else by the tip radius and a clearance, and go the shorter
+    way around the object, or over it if that way is blocked. Fingers without an active contact wait
+    above the object, at their own azimuths in U.
+
+    Args:
+        config: Configuration of the grasp; `period`, `goal_speed`, `tip_acceleration` and
+            `standoff` are used.
+        tip_frames: Scoped names of the fingertips' frames.
+        tip_radius: Radius of the fingertips, or of each, shape (n,), in metres.
+        object_solid: The object in O.
+        fixed: Solids in W that fingertips avoid, such as the table.
+        p_GT: Initial positions of the fingertips' centres in G, shape (n, 3), in metres.
+        finger_azimuths: Azimuths of the fingers about z of U, shape (n,), in radians.
+        target_period: Seconds between updates of the contacts: the planning period, between whose
+            ticks contact goals do not change in O.
+        yaw: Initial yaw of the palm, in radians.
+        yaw_range: Smallest and largest angle of the palm, in radians.
+        lead: Seconds by which fingertip goals are ahead: the delay of the system that follows them.
+        withdrawn_radii: Distance from z of A at which each finger without an active contact waits,
+            shape (n,), in metres. 0, also the default, stands for the mean initial distance of the
+            fingertips from z of G.
+        X_LA: Approach of the palm; see `HandModel`. Fingers go around z of A, and withdraw along
+            it.
+        p_OCoM: Centre of mass of the object in O, shape (3,), in metres; by default the origin.
+
+    Raises:
+        InvalidArgumentError: If an argument or a field of `config` is out of its range.
+    """
+
+    def __init__(
+        self,
+        config: GraspConfig | None = None,
+        *,
+        tip_frames: Sequence[str],
+        tip_radius: float | FloatArray,
+        object_solid: SignedDistance,
+        fixed: Sequence[Solid],
+        p_GT: FloatArray,
+        finger_azimuths: FloatArray,
+        target_period: float,
+        yaw: float = 0.0,
+        yaw_range: tuple[float, float] = FREE_TURN,
+        lead: float = 0.0,
+        withdrawn_radii: FloatArray | None = None,
+        X_LA: RigidTransform = FROM_ABOVE,
+        p_OCoM: FloatArray | None = None,
+    ) -> None:
+        super().__init__()
+        config = checked(config or GraspConfig())
+        n = len(tip_frames)
+        if np.shape(p_GT) != (n, 3):
+            raise InvalidArgumentError(f"p_GT must have shape ({n}, 3), not {np.shape(p_GT)}")
+        for name, value in (("target_period", target_period), ("tip_radius", np.min(tip_radius))):
+            if not value > 0:
+                raise InvalidArgumentError(f"{name} must be greater than 0, not {value}")
+        self._tip_frames, self._lead = list(tip_frames), lead
+        self._object = object_solid
+        if isinstance(object_solid, Solid):  # Solids move in each tick, fastest as rows of numbers.
+            self._object = PlacedSolid(object_solid.rounded_box())
+        self._fixed = [PlacedSolid(solid.rounded_box()) for solid in fixed]
+        self._radius: FloatArray = np.broadcast_to(np.asarray(tip_radius, dtype=float), n)
+        mean_radius = np.mean(np.linalg.norm(np.asarray(p_GT)[:, :2], axis=1))
+        radii = np.zeros(n) if withdrawn_radii is None else withdrawn_radii
+        self._azimuths, self._yaw_range = np.asarray(finger_azimuths), yaw_range
+        x, y = np.cos(self._azimuths), np.sin(self._azimuths)
+        self._places = TipPlaces(
+            tip_radii=self._radius,
+            directions=np.stack([x, y, np.zeros(n)], axis=1),
+            withdrawn_radii=np.where(radii, radii, mean_radius),
+        )
+        self._X_LA, X_AL = X_LA, X_LA.inverse()
+        self._R_AL, self._p_AL = X_AL.rotation().matrix(), X_AL.translation()
+        self._p_OCoM: FloatArray = np.zeros(3) if p_OCoM is None else np.array(p_OCoM)
+        acceleration = GOAL_SHARE * config.tip_acceleration
+        self._pace = Pace(config.goal_speed, acceleration, config.period)
+
+        self._tips = self.DeclareDiscreteState(np.array(p_GT, dtype=float).ravel())
+        self._rates = self.DeclareDiscreteState(3 * n)
+        self._yaw = self.DeclareDiscreteState([yaw])
+        # Before the first tick there are no contacts: fingertips stay, and no finger is active.
+        frames = self._places.first_contacts(np.asarray(p_GT), config.standoff)
+        contacts = np.concatenate([*frames, np.zeros((n, 1))], axis=None)
+        self._targeted = self.DeclareDiscreteState(contacts)
+        self._contacts = self.DeclareDiscreteState(contacts)
+        self._targets = self.DeclareAbstractInputPort("fingertip_targets", ports.BUS)
+        self._status = self.DeclareVectorInputPort("contact_status", n)
+        any_value = AbstractValue.Make(object())
+        self._command = self.DeclareAbstractInputPort("command", any_value)
+        self._obstacles = self.DeclareAbstractInputPort("obstacles", ports.OBSTACLES)
+        sources = (self.xd_ticket(), self._command)
+        self._goals = ports.declare_output(self, "goals", any_value, self._calc_goals, *sources)
+        self.DeclareStateOutputPort("contacts", self._contacts)
+        self.DeclareStateOutputPort("p_GT", self._tips)
+        ports.declare_output(self, "X_WH", ports.POSE, self._calc_X_WH, *sources)
+        ports.declare_output(self, "X_WU", ports.POSE, self._calc_X_WU, *sources)
+        self.DeclarePeriodicDiscreteUpdateEvent(target_period, 0.0, self._sample_targets)
+        self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._update)
+
+    def _points(self, context: Context, index: int) -> FloatArray:
+        """Returns the points or velocities of a group of the state, shape (n, 3)."""
+        return np.asarray(context.get_discrete_state(index).value().reshape(-1, 3))
+
+    def _sample_targets(self, context: Context, discrete_state: DiscreteValues) -> None:
+        """Stores the contact goals in O, and which fingers have one."""
+        command: GraspCommand = self._command.Eval(context)
+        if command.holds_contacts:
+            return
+        targeted: FloatArray = context.get_discrete_state(self._targeted).value().copy()
+        p_OC, nhat, active = np.split(targeted, [3 * len(self._radius), 6 * len(self._radius)])
+        active[:] = is_active(self._status.Eval(context))
+        if command.is_tracked:
+            port = f"fingertip_targets of {self.get_name()}"
+            found = ports.validated_poses(self._targets.Eval(context), self._tip_frames, port)
+            for finger, X_WC in enumerate(found):
+                if X_WC is not None:
+                    own = slice(3 * finger, 3 * finger + 3)
+                    p_OC[own] = command.R_WO.T @ (X_WC.translation() - command.p_WO)
+                    nhat[own] = -command.R_WO.T @ X_WC.rotation().matrix()[:, 2]
+        discrete_state.set_value(self._targeted, targeted)
+
+    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        """Moves the goals over the object, and shifts contacts where fingertips have no room."""
+        goals: HandGoals = self._goals.Eval(context)
+        discrete_state.set_value(self._yaw, [goals.yaw])
+        command: GraspCommand = self._command.Eval(context)
+        held, n = command.holds_contacts, len(self._radius)
+        stored = context.get_discrete_state(self._contacts if held else self._targeted).value()
+        p_OC, nhat = stored[: 6 * n].reshape(2, n, 3)
+        active = stored[6 * n :] > 0
+        p_GT, v_GT = self._points(context, self._tips), self._points(context, self._rates)
+        # Paths are planned in the frame A of the approach, in which the palm's axis is z.
+        R_AW, R_AG = self._R_AL, self._R_AL @ command.R_WG
+        p_AG = self._p_AL - R_AG @ self._p_OCoM
+        p_AW = p_AG - R_AW @ command.p_WG
+        obstacles = ports.eval_solids(self, self._obstacles, context, R_AW, p_AW)
+        if ANYWHERE in obstacles:
+            discrete_state.set_value(self._rates, np.zeros(p_GT.size))
+            return
+        gaps = command.standoffs
+        p_AT = p_GT @ R_AG.T + p_AG
+        goal = (p_OC + (self._radius + gaps)[:, None] * nhat) @ R_AG.T + p_AG
+        object_solid = self._object.moved(R_AG, p_AG)
+        if not active.all():
+            top = object_solid.highest(np.array([0.0, 0.0, 1.0]))
+            withdrawn = self._places.withdrawn(goals.yaw, top)
+            goal = np.where(active[:, None], goal, withdrawn)
+            gaps = np.where(active, gaps, MOVING_CLEARANCE)
+        room = self._places.room(
+            object_solid,
+            gaps,
+            goal,
+            fixed=[solid.moved(R_AW, p_AW) for solid in self._fixed],
+            obstacles=obstacles,
+            holding=held & active & command.fingers_hold,
+        )
+        has_arrived = self._pace.has_arrived(goal - p_AT, v_GT)
+        permitted = goal if held and not has_arrived else room.permitted(goal)
+        if not held:
+            contacts = stored
+            if permitted is not goal:
+                shift = np.where(active[:, None], permitted - goal, 0) @ R_AG
+                along = shift - np.sum(shift * nhat, axis=1, keepdims=True) * nhat
+                contacts = np.concatenate([p_OC + along, nhat, active], axis=None)
+                goal = goal + along @ R_AG.T
+            discrete_state.set_value(self._contacts, contacts)
+        if has_arrived and permitted is goal:
+            return
+        shaped = (shape_goals(p_AT, v_GT @ R_AG.T, goal, self._pace, room) - p_AG) @ R_AG
+        rates = self._pace.limited((shaped - p_GT) / self._pace.period, v_GT)
+        discrete_state.set_value(self._tips, shaped.ravel())
+        discrete_state.set_value(self._rates, rates.ravel())
+
+    def _calc_goals(self, context: Context) -> HandGoals:
+        command: GraspCommand = self._command.Eval(context)
+        p_GT, v_GT = self._points(context, self._tips), self._points(context, self._rates)
+        (w_WG, v_WG), R_WG = command.V_WG, command.R_WG
+        R_ahead = rotation_matrix(w_WG * self._lead) @ R_WG
+        W = skew(w_WG)
+        p_GL_W = R_WG @ self._p_OCoM
+        p_AT = (p_GT @ R_WG.T - p_GL_W) @ self._R_AL.T + self._p_AL
+        yaw = float(context.get_discrete_state(self._yaw).value()[0])
+        return HandGoals(
+            p_WT=p_GT @ R_ahead.T + command.p_WG + v_WG * self._lead,
+            v_WT=p_GT @ (W @ R_WG).T + v_WG + v_GT @ R_WG.T,
+            p_WL=command.p_WG + p_GL_W,
+            v_WL=v_WG + W @ p_GL_W,
+            yaw=palm_turn(p_AT, self._azimuths, yaw, self._yaw_range),
+            yaw_rate=float(self._R_AL[2] @ w_WG),
+        )
+
+    def _palm(self, context: Context) -> tuple[FloatArray, float]:
+        """Returns the centre of mass of the object in W, and the palm's yaw as of the last tick."""
+        command: GraspCommand = self._command.Eval(context)
+        yaw = float(context.get_discrete_state(self._yaw).value()[0])
+        return command.p_WO + command.R_WO @ self._p_OCoM, yaw
+
+    def _calc_X_WH(self, context: Context) -> RigidTransform:
+        p_WCoM, yaw = self._palm(context)
+        return reach_frame(p_WCoM, yaw, self._yaw_range, self._X_LA)
+
+    def _calc_X_WU(self, context: Context) -> RigidTransform:
+        p_WCoM, yaw = self._palm(context)
+        return turned_frame(p_WCoM, self._X_LA, yaw)
