@@ -1,8 +1,9 @@
 """Errors that this package raises on purpose; any other exception is a defect."""
 
+import contextlib
 import difflib
 import traceback
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from enum import StrEnum
 from pathlib import Path
 
@@ -131,3 +132,22 @@ def one_line(error: BaseException) -> str:
     if frames := traceback.extract_tb(error.__traceback__):
         place = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})"
     return " ".join(f"{type(error).__name__}: {error}".split()) + place
+
+
+Problems = Iterator[tuple[str, str]]
+"""Pairs of a key and the problem of its value. Later pairs may follow from the first one."""
+
+
+def raise_first(problems: Problems) -> None:
+    """Raises a `ScenarioError` without a source for the first of some problems, if any."""
+    for key, problem in problems:
+        raise ScenarioError("", key, problem)
+
+
+@contextlib.contextmanager
+def errors_at(key: str, prefix: str = "") -> Iterator[None]:
+    """Turns an error in the `with` block into the problem of a key."""
+    try:
+        yield
+    except PregraspError as error:
+        raise ScenarioError("", key, f"{prefix}{error}") from error

@@ -15,11 +15,10 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.live.live_page import serve_live_run
 from drake_pregrasp.simulation.output import INTERRUPTED_STATUS, handling
+from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.run import RunResult, run, write_graphviz
 from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.simulation.scenario_check import validate
-from drake_pregrasp.simulation.scenario_file import load_scenario, only_name
-from drake_pregrasp.simulation.schema_check import check_mapping
+from drake_pregrasp.simulation.scenario_file import load_resolved, only_name
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
 from drake_pregrasp.systems.loggers import TickRecord
@@ -212,10 +211,9 @@ def _film(options: argparse.Namespace) -> int:
 def _run(options: argparse.Namespace) -> int:
     name, scenario = load_chosen(options)
     if options.graphviz is not None:
-        diagram = make_diagram(scenario, scenario.make_surface())
-        write_graphviz(diagram, Path(options.graphviz))
+        write_graphviz(make_diagram(scenario), Path(options.graphviz))
         return 0
-    with stop_on_signals() as should_stop, run_bar(scenario) as on_tick:
+    with stop_on_signals() as should_stop, run_bar(scenario.scenario) as on_tick:
         result = run(
             scenario,
             name=name,
@@ -230,18 +228,18 @@ def _run(options: argparse.Namespace) -> int:
     return 0 if result.completed else INTERRUPTED_STATUS
 
 
-def load_chosen(options: argparse.Namespace) -> tuple[str, Scenario]:
-    """Returns the name and the scenario that the options choose."""
+def load_chosen(options: argparse.Namespace) -> tuple[str, ResolvedScenario]:
+    """Returns the name and the resolved scenario that the options choose."""
     file: str | None = options.scenario_file
     name: str | None = options.scenario
     if name is None:
         if file is None:
             raise ScenarioError("", "", "give a shipped scenario's name, or --scenario_file")
         name = only_name(file)
-    scenario = load_scenario(name, file=file, text=options.scenario_text, folders=options.allow)
-    if options.simulation_duration is not None:
-        scenario.simulation_duration = options.simulation_duration
-        source = "--simulation_duration"
-        check_mapping(source, "", {"simulation_duration": scenario.simulation_duration}, Scenario)
-        validate(scenario, f"{name} with {source}")
-    return name, scenario
+    return name, load_resolved(
+        name,
+        file=file,
+        text=options.scenario_text,
+        folders=options.allow,
+        simulation_duration=options.simulation_duration,
+    )

@@ -1,6 +1,12 @@
 """Configuration of what happens to fingers in a run: losses, returns, and their capability."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+
+import numpy as np
+
+from drake_pregrasp.arrays import FloatArray
 
 
 @dataclass
@@ -41,3 +47,17 @@ class CapabilityProfile:
         default_factory=list,
         metadata={"required": True, "min_length": 1, "at_least": 0, "at_most": 1},
     )
+
+
+def remaining_contacts(damage: Sequence[DamageEvent], n: int, time: float = math.inf) -> list[int]:
+    """Returns the contacts of n that are not lost at a time in seconds; by default, at the end."""
+    lost = {c for event in damage if event.holds_at(time) for c in event.contacts}
+    return [i for i in range(n) if i not in lost]
+
+
+def capability_at(profiles: Sequence[CapabilityProfile], n: int, time: float) -> FloatArray:
+    """Returns the capability of each of n fingers at a time in seconds, shape (n,)."""
+    capability = np.ones(n)
+    for profile in profiles:
+        capability[profile.contact] = np.interp(time, profile.times, profile.values)
+    return capability

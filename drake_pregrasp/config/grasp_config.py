@@ -27,10 +27,6 @@ _FORCE = {"above": 0, "at_most": 1e4}
 class GraspConfig:
     """Configuration of a hand that closes, squeezes and lifts."""
 
-    # File with the hand's description, relative to the scenario's file, or package://drake_pregrasp/
-    # for a hand that is shipped. Empty: no hand, only planning.
-    hand: str = field(default="", metadata={"path": True})
-
     # Smallest and largest angle of the wrist, in radians, within those of the model. Empty: those
     # of the model if its wrist cannot make a full turn either way, else no limits.
     wrist_range: list[float] = field(
@@ -98,11 +94,6 @@ class GraspConfig:
     # Height of the palm's axis over the table, if it comes from the side, in metres. 0: that of the
     # object's centre of mass, or more if the hand at home would not clear the table there.
     side_height: float = field(default=0.0, metadata={"at_least": 0, "at_most": 10})
-
-    @property
-    def has_hand(self) -> bool:
-        """Whether there is a hand."""
-        return bool(self.hand)
 
     @property
     def lift_axis(self) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Schema of hand descriptions, the files that `grasp.hand` of a scenario names.
+"""Schema of hand descriptions, the files that `hand.file` of a scenario names.
 
 A description adds to a model file what the model does not contain; docs/own_hand.md has an example.
 """

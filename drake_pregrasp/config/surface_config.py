@@ -1,14 +1,10 @@
 """Configuration of the sampling of the object's surface, and of no-touch areas."""
 
-import contextlib
-import dataclasses
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
-from drake_pregrasp.config.object_config import POINT, Box, BoxFields, Mesh, ObjectConfig, zeros
-from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.config.object_config import POINT, Box, BoxFields, ObjectConfig, zeros
 from drake_pregrasp.geometry.box_surface import BOX_FACES, box_surface
 from drake_pregrasp.geometry.mesh_surface import (
     AxisArea,
@@ -21,7 +17,6 @@ from drake_pregrasp.geometry.mesh_surface import (
 from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.geometry.solids import BallSolid, HalfSpace
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.resources import resolve_path
 
 
 @dataclass
@@ -122,14 +117,18 @@ class SurfaceConfig:
     forbidden_radius: float = field(default=0.005, metadata={"at_least": 0, "at_most": 10})
 
     def make_surface(
-        self, config: ObjectConfig, spacing: float | None = None, tip: TipSize | None = None
+        self,
+        config: ObjectConfig,
+        *,
+        shape: Shape | None = None,
+        spacing: float | None = None,
+        tip: TipSize | None = None,
     ) -> ObjectSurface:
         """Returns the sampled surface of an object.
 
-        The two newest surfaces are cached, and made anew if the configuration or the file changes.
-
         Args:
             config: The object.
+            shape: Shape of the object, if it has been made.
             spacing: Distance between candidate points, in metres; that of this configuration by
                 default.
             tip: Size of the fingertips of a hand, which need a place. On a box they have it.
@@ -137,22 +136,8 @@ class SurfaceConfig:
         Raises:
             InvalidArgumentError: If the object cannot be made, or no allowed surface is left.
         """
-        changed: tuple[int, ...] = ()
-        if isinstance(config, Mesh):
-            with contextlib.suppress(OSError, InvalidArgumentError):
-                status = resolve_path(config.file, Path.cwd()).stat()
-                changed = (status.st_mtime_ns, status.st_size, status.st_ino)
-        sampling = self if spacing is None else dataclasses.replace(self, spacing=spacing)
-        key = repr((Path.cwd(), sampling, config, changed, tip))
-        surface = _kept.pop(key, None) or sampling._make(config, tip)
-        _kept[key] = surface  # The newest is last.
-        for oldest in list(_kept)[:-_MOST_KEPT]:
-            _kept.pop(oldest, None)
-        return surface
-
-    def _make(self, config: ObjectConfig, tip: TipSize | None) -> ObjectSurface:
         lengths = {
-            "spacing": self.spacing,
+            "spacing": self.spacing if spacing is None else spacing,
             "forbidden_spacing": self.forbidden_spacing,
             "forbidden_radius": self.forbidden_radius,
         }
@@ -163,11 +148,7 @@ class SurfaceConfig:
                 max_points=MAX_BOX_POINTS,
                 **lengths,
             )
-        shape = config.make_shape()
+        shape = shape or config.make_shape()
         areas: list[NoTouchArea] = [AxisArea(face) for face in self.forbidden_faces]
         areas += [area.make_area(shape) for area in self.no_touch]
         return mesh_surface(shape, seed=self.seed, no_touch=areas, tip=tip, **lengths)
-
-
-_kept: dict[str, ObjectSurface] = {}
-_MOST_KEPT = 2  # One for planning and one for drawing.

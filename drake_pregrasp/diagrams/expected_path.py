@@ -7,30 +7,30 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.object_config import (
     Conveyor,
     MotionConfig,
-    ObjectConfig,
     PoseStream,
     Push,
     Toss,
 )
-from drake_pregrasp.diagrams.object_body import standing_position
+from drake_pregrasp.diagrams.object_body import resting_position
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
+from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 
 _SAMPLES = 50  # Positions of the path.
 _POSES = 200  # Poses on a conveyor.
 
 
-def expected_path(motion: MotionConfig, duration: float, object_config: ObjectConfig) -> FloatArray:
+def expected_path(motion: MotionConfig, duration: float, shape: Shape) -> FloatArray:
     """Returns expected positions of the centre of mass in W, shape (k, 3), in metres.
 
     Args:
         motion: Motion of the object.
         duration: Duration of the run, in seconds.
-        object_config: The object.
+        shape: Shape of the object in O.
     """
     times = np.linspace(0.0, duration, _SAMPLES)
-    p_OCoM = object_config.make_shape().p_OCoM
-    start = standing_position(object_config) + p_OCoM
+    p_OCoM = shape.p_OCoM
+    start = resting_position(shape) + p_OCoM
     if isinstance(motion, Conveyor):
         profile = VelocityProfile(motion.velocities())
         path = [start + np.array([profile.at(time)[0][0], 0.0, 0.0]) for time in times]
@@ -52,7 +52,7 @@ def expected_path(motion: MotionConfig, duration: float, object_config: ObjectCo
 
 
 def expected_poses(
-    motion: MotionConfig, duration: float, object_config: ObjectConfig
+    motion: MotionConfig, duration: float, shape: Shape
 ) -> list[tuple[float, RigidTransform]]:
     """Returns times in seconds and poses X_WO of the object, as far as its motion is prescribed.
 
@@ -61,9 +61,9 @@ def expected_poses(
     Args:
         motion: Motion of the object.
         duration: Duration of the run, in seconds.
-        object_config: The object.
+        shape: Shape of the object in O.
     """
-    start = initial_pose(motion, object_config)
+    start = initial_pose(motion, shape)
     if not isinstance(motion, Conveyor):
         return [(0.0, start)]
     profile = VelocityProfile(motion.velocities())
@@ -75,16 +75,15 @@ def expected_poses(
     return poses
 
 
-def initial_pose(motion: MotionConfig, object_config: ObjectConfig) -> RigidTransform:
+def initial_pose(motion: MotionConfig, shape: Shape) -> RigidTransform:
     """Returns the initial pose of the object O in W."""
     if isinstance(motion, Toss):
         R_WO = RollPitchYaw(motion.rpy).ToRotationMatrix()
-        p_OCoM = object_config.make_shape().p_OCoM
-        return RigidTransform(R_WO, np.array(motion.position) - R_WO @ p_OCoM)
+        return RigidTransform(R_WO, np.array(motion.position) - R_WO @ shape.p_OCoM)
     if isinstance(motion, PoseStream):
         position, rotation = motion.read().at(0.0)
         return RigidTransform(RotationMatrix(rotation.as_matrix()), position)
-    X_WO = RigidTransform(standing_position(object_config))
+    X_WO = RigidTransform(resting_position(shape))
     if isinstance(motion, Conveyor):  # Its centre of mass stays above the origin of W.
         return RigidTransform(RotationMatrix.MakeZRotation(motion.yaw), np.zeros(3)) @ X_WO
     return X_WO

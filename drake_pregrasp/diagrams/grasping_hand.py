@@ -5,13 +5,11 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantValueSource
+from pydrake.systems.framework import DiagramBuilder, System
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
@@ -29,10 +27,29 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.mesh_solid import MeshSolid
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.systems.hand_kinematics import hand_links
 from drake_pregrasp.systems.hand_scene import separate_fingers
-from drake_pregrasp.systems.sources import ContactWeights
+from drake_pregrasp.systems.sources import ContactWeights, MovingObstacles, MovingSolid
+
+
+class GoalInputs(NamedTuple):
+    """Systems that a source of goals may read.
+
+    Attributes:
+        planner: Planner of the contacts.
+        controller: Controller of the hand.
+        weights: System that emits `contact_weights`, with -inf for lost fingers.
+        obstacles: System that emits the `obstacles` of contacts.
+    """
+
+    planner: PregraspPlanner
+    controller: HandController
+    weights: System
+    obstacles: System
+
+
+GoalSource = Callable[[DiagramBuilder, GoalInputs], System]
+"""Function that adds a system with the outputs `fingertip_targets` and `contact_status`."""
 
 
 class GraspingHand(NamedTuple):
@@ -40,11 +57,88 @@ class GraspingHand(NamedTuple):
 
     Attributes:
         controller: Controller of the hand.
-        planner: Planner of its contacts.
+        planner: Planner of its contacts, and of its estimate of the object.
+        goals: System whose goals the hand follows, by default the planner.
     """
 
     controller: HandController
     planner: PregraspPlanner
+    goals: System
+
+
+def add_grasping_hand(
+    builder: DiagramBuilder,
+    hand: HandModel,
+    config: GraspConfig,
+    planner: PlannerConfig,
+    surface: ObjectSurface,
+    p_OC: FloatArray,
+    *,
+    object_solid: SignedDistance,
+    mass: float,
+    X_WO: RigidTransform,
+    fixed: Sequence[Solid],
+    plant_time_step: float,
+    weights: System,
+    obstacles: System,
+    goals: GoalSource | None = None,
+) -> GraspingHand:
+    """Adds a planner and a controller for a hand, and connects them to each other.
+
+    The planner's input `X_WO_measured` must then be connected, the controller's inputs `close`,
+    `hand_state` and `net_actuation`, and its output `desired_state`.
+
+    Args:
+        builder: Builder of the diagram.
+        hand: Model of the hand with its approach.
+        config: Configuration of the grasp.
+        planner: Configuration of the planner, with the limits of the hand.
+        surface: Surface of the object.
+        p_OC: Initial contacts in O, one for each finger, shape (n, 3), in metres.
+        object_solid: The object in O.
+        mass: Mass of the object, in kg.
+        X_WO: Initial pose of the object.
+        fixed: Solids in W that fingertips avoid, such as the table.
+        plant_time_step: Time step of the hand's plant, in seconds.
+        weights: System that emits `contact_weights`.
+        obstacles: System that emits the `obstacles` of contacts, `fixed` among them.
+        goals: Source of the hand's goals; by default the planner.
+    """
+    controller = builder.AddNamedSystem(
+        "hand_controller",
+        HandController(
+            config,
+            hand,
+            object_solid=object_solid,
+            mass=mass,
+            p_OCoM=surface.p_OCoM,
+            fixed=list(fixed),
+            X_WO=X_WO,
+            p_OC=p_OC,
+            # Goals of another source do not wait for the planner's ticks.
+            target_period=planner.period if goals is None else config.period,
+            plant_time_step=plant_time_step,
+        ),
+    )
+    planning = AddPregraspPlanner(
+        builder,
+        planner,
+        surface,
+        p_OC,
+        fingertip_frames=hand.kinematics.tip_frames,
+        finger_measures=hand.finger_measures(surface) if planner.needs_finger_measures else None,
+    )
+    connect(builder, weights, "contact_weights", planning)
+    connect(builder, obstacles, "obstacles", planning)
+    source: System = planning
+    if goals is not None:
+        source = goals(builder, GoalInputs(planning, controller, weights, obstacles))
+    connect(builder, source, "fingertip_targets contact_status", controller)
+    connect(builder, planning, "X_WO_estimated V_WO_estimated tracking_status", controller)
+    connect(builder, controller, "hold_contacts V_WO_held X_WU", planning)
+    if planner.limits.reach:
+        connect(builder, controller, "X_WH", planning)
+    return GraspingHand(controller, planning, source)
 
 
 def AddHandController(
@@ -113,39 +207,28 @@ def AddHandController(
         stands=partial(_stands, plant, robot),
     )
     planner = start_grasp.hand_planner(planner, config, model.description)
-    limits, p_OC, has_contact = planner.limits, start.p_OC, start.has_contact
-    start_grasp.check_room(model.description, has_contact)
-    controller = builder.AddNamedSystem(
-        "hand_controller",
-        HandController(
-            config,
-            model,
-            object_solid=solid,
-            mass=mass,
-            p_OCoM=surface.p_OCoM,
-            fixed=list(fixed),
-            X_WO=X_WO,
-            p_OC=p_OC,
-            target_period=planner.period,
-            plant_time_step=plant.time_step(),
+    start_grasp.check_room(model.description, start.has_contact)
+    away = [(0.0, np.flatnonzero(~start.has_contact).tolist())]
+    added = add_grasping_hand(
+        builder,
+        model,
+        config,
+        planner,
+        surface,
+        start.p_OC,
+        object_solid=solid,
+        mass=mass,
+        X_WO=X_WO,
+        fixed=fixed,
+        plant_time_step=plant.time_step(),
+        weights=builder.AddNamedSystem(
+            "contact_weights", ContactWeights(np.zeros(len(start.p_OC)), away)
+        ),
+        obstacles=builder.AddNamedSystem(
+            "obstacles", MovingObstacles([MovingSolid(solid, np.zeros(3)) for solid in fixed])
         ),
     )
-    frames = model.kinematics.tip_frames
-    finger_measures = model.finger_measures(surface) if planner.needs_finger_measures else None
-    planning = AddPregraspPlanner(
-        builder, planner, surface, p_OC, fingertip_frames=frames, finger_measures=finger_measures
-    )
-    avoided = ConstantValueSource(AbstractValue.Make(Obstacles(tuple(fixed))))
-    away = [(0.0, np.flatnonzero(~has_contact).tolist())]
-    weights = ContactWeights(np.zeros(len(p_OC)), away)
-    for name, source in (("contact_weights", weights), ("obstacles", avoided)):
-        system = builder.AddNamedSystem(name, source)
-        builder.Connect(system.get_output_port(), planning.GetInputPort(name))
-    connect(builder, planning, "fingertip_targets contact_status tracking_status", controller)
-    connect(builder, planning, "X_WO_estimated V_WO_estimated", controller)
-    connect(builder, controller, "hold_contacts V_WO_held X_WU", planning)
-    if limits.reach:
-        connect(builder, controller, "X_WH", planning)
+    controller = added.controller
     if scene_graph is not None:
         tips = [plant.GetFrameByName(tip.frame, robot) for tip in hand.fingertips]
         inspector = scene_graph.model_inspector()
@@ -159,7 +242,7 @@ def AddHandController(
         builder.Connect(port, controller.GetInputPort(name))
     desired = plant.get_desired_state_input_port(robot)
     builder.Connect(controller.GetOutputPort("desired_state"), desired)
-    return GraspingHand(controller, planning)
+    return added
 
 
 def choose_approach(

@@ -1,7 +1,6 @@
 """Plant with the moving object and a hand over it, as one diagram."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from pydrake.geometry import SceneGraph
@@ -14,12 +13,10 @@ from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.config.object_config import MotionConfig, ObjectConfig
 from drake_pregrasp.contacts.assignment import FREE_TURN
-from drake_pregrasp.diagrams.expected_path import initial_pose
-from drake_pregrasp.diagrams.hand_controller import HandController
-from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model
 from drake_pregrasp.diagrams.object_plant import add_moving_object
 from drake_pregrasp.diagrams.wiring import connect
+from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.geometry.solids import HalfSpace
 from drake_pregrasp.systems.hand_kinematics import hand_links
 from drake_pregrasp.systems.hand_scene import separate_fingers
@@ -74,6 +71,7 @@ class HandStation(Diagram):
         initial: Initial positions of the hand, shape (nq,).
         yaw_range: Range of the wrist, as for `add_hand_model`.
         period: Seconds between ticks of the controller, for `link_forces`.
+        shape: Shape of the object, if it has been made.
         obstacles: Obstacles that are bodies.
         R_WA: Orientation of the carrier, as for `add_hand_model`.
 
@@ -95,6 +93,7 @@ class HandStation(Diagram):
         initial: FloatArray,
         yaw_range: tuple[float, float] = FREE_TURN,
         period: float = GraspConfig.period,
+        shape: Shape | None = None,
         obstacles: Sequence[MovingSolid] = (),
         R_WA: RotationMatrix | None = None,
     ) -> None:
@@ -102,7 +101,8 @@ class HandStation(Diagram):
         builder = DiagramBuilder()
         self.plant, self.scene_graph, X_WO = add_moving_object(
             builder,
-            object_config,
+            shape or object_config.make_shape(),
+            object_config.mass,
             motion_config,
             plant_config,
             friction=friction,
@@ -146,83 +146,3 @@ class HandStation(Diagram):
 
 TABLE = MovingSolid(HalfSpace(np.zeros(3), np.array([0.0, 0.0, 1.0])), np.zeros(3))
 """Top of the table, which no fingertip may touch."""
-
-
-@dataclass(frozen=True, eq=False)
-class SimulatedHand:
-    """A hand in a diagram that is being built.
-
-    Attributes:
-        station: Plant with object and hand.
-        controller: Controller of the hand.
-        tip_frames: Scoped names of the fingertips' frames.
-    """
-
-    station: HandStation
-    controller: HandController
-    tip_frames: list[str]
-
-
-def add_simulated_hand(
-    builder: DiagramBuilder,
-    object_config: ObjectConfig,
-    motion_config: MotionConfig,
-    plant_config: MultibodyPlantConfig,
-    grasp: GraspConfig,
-    hand: HandModel,
-    *,
-    p_OCoM: FloatArray,
-    p_OC: FloatArray,
-    target_period: float,
-    obstacles: Sequence[MovingSolid] = (),
-) -> SimulatedHand:
-    """Adds a plant with object and hand, and the hand's controller; connects them.
-
-    Args:
-        builder: Builder of the diagram.
-        object_config: The object.
-        motion_config: Motion of the object, which a plant simulates.
-        plant_config: Time step and contact model.
-        grasp: Configuration of the grasp.
-        hand: Model of the hand.
-        p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
-        p_OC: Initial contacts in O, in the order of the fingers, shape (n, 3), in metres.
-        target_period: Seconds between changes of the contact goals in O.
-        obstacles: Obstacles that are bodies of the plant.
-
-    Raises:
-        InvalidArgumentError: If an argument is out of its range.
-    """
-    controller = builder.AddNamedSystem(
-        "hand_controller",
-        HandController(
-            grasp,
-            hand,
-            object_solid=object_config.make_shape().solid,
-            mass=object_config.mass,
-            p_OCoM=p_OCoM,
-            fixed=[TABLE.solid],
-            X_WO=initial_pose(motion_config, object_config),
-            p_OC=p_OC,
-            target_period=target_period,
-            plant_time_step=plant_config.time_step,
-        ),
-    )
-    station = builder.AddNamedSystem(
-        "object_plant",
-        HandStation(
-            object_config,
-            motion_config,
-            plant_config,
-            hand.description,
-            friction=grasp.friction,
-            initial=controller.initial,
-            yaw_range=grasp.yaw_range,
-            period=grasp.period,
-            obstacles=obstacles,
-            R_WA=hand.X_LA.rotation(),
-        ),
-    )
-    connect(builder, station, "hand_state net_actuation", controller)
-    connect(builder, controller, "desired_state", station)
-    return SimulatedHand(station, controller, hand.kinematics.tip_frames)

@@ -37,7 +37,6 @@ from pydrake.multibody.tree import (
 )
 
 from drake_pregrasp.arrays import FloatArray, IntArray
-from drake_pregrasp.config.object_config import ObjectConfig
 from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.systems.drawing import BODY_COLOR, drawn_solid
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
@@ -69,19 +68,18 @@ _GAINS = PdControllerGains(p=1e4, d=2e2)  # The same as those of the conveyor.
 
 
 def add_object_body(
-    plant: MultibodyPlant, object_config: ObjectConfig, *, friction: float = FRICTION
+    plant: MultibodyPlant, shape: Shape, mass: float, *, friction: float = FRICTION
 ) -> RigidBody:
     """Adds the object to a plant that is not finalized, and returns its body, whose frame is O.
 
     Args:
         plant: Plant to which the object is added.
-        object_config: The object.
+        shape: Shape of the object in O.
+        mass: Mass of the object, in kg.
         friction: Coulomb's coefficient of the object.
     """
-    shape = object_config.make_shape()
-    body = plant.AddRigidBody(
-        "object", plant.AddModelInstance("object"), _spatial_inertia(shape, object_config.mass)
-    )
+    inertia = _spatial_inertia(shape, mass)
+    body = plant.AddRigidBody("object", plant.AddModelInstance("object"), inertia)
     if not plant.geometry_source_is_registered():
         return body
     X_OG = RigidTransform()
@@ -90,7 +88,7 @@ def add_object_body(
         coulomb = CoulombFriction(friction, friction)
         AddContactMaterial(dissipation=DISSIPATION, friction=coulomb, properties=properties)
     hull = shape.mesh.convex_hull
-    modulus = _hull_modulus(hull, object_config.mass)
+    modulus = _hull_modulus(hull, mass)
     AddCompliantHydroelasticProperties(_RESOLUTION, modulus, compliant)
     AddRigidHydroelasticProperties(rigid)
     tetrahedra = MeshGeometry(mesh_data=_hull_data(hull))
@@ -138,12 +136,11 @@ def separate_contacts(
     scene_graph.collision_filter_manager().Apply(only)
 
 
-def standing_position(object_config: ObjectConfig) -> FloatArray:
-    """Returns the position of O in W for an object that stands on a table, shape (3,), in metres.
+def resting_position(shape: Shape) -> FloatArray:
+    """Returns the position of O in W for an object that rests on a table, shape (3,), in metres.
 
-    Its centre of mass is above the origin of W.
+    Its axes are those of W, and its centre of mass is above the origin of W.
     """
-    shape = object_config.make_shape()
     lowest = float(np.min(shape.mesh.vertices[:, 2]))
     position: FloatArray = -shape.p_OCoM
     position[2] = -lowest - FIRST_TOUCH

@@ -28,6 +28,7 @@ from drake_pregrasp.diagrams.object_body import (
 )
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
+from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.geometry.solids import BoxSolid
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.systems.sources import BodyPose, MovingSolid, ObjectMotion, PoseReplay
@@ -47,7 +48,8 @@ def add_model(plant: MultibodyPlant, file: str) -> ModelInstanceIndex:
 
 def add_moving_object(
     builder: DiagramBuilder,
-    object_config: ObjectConfig,
+    shape: Shape,
+    mass: float,
     motion: MotionConfig,
     plant_config: MultibodyPlantConfig,
     *,
@@ -60,7 +62,8 @@ def add_moving_object(
 
     Args:
         builder: Builder of the diagram.
-        object_config: The object.
+        shape: Shape of the object in O.
+        mass: Mass of the object, in kg.
         motion: Motion of the object.
         plant_config: Time step and contact model.
         friction: Coulomb's coefficient of the object.
@@ -71,10 +74,9 @@ def add_moving_object(
             ticks whose times equal those of time steps only up to rounding.
     """
     if isinstance(motion, PoseStream):
-        return _add_replay(builder, object_config, motion, plant_config)
+        return _add_replay(builder, shape, mass, motion, plant_config)
     plant, scene_graph = AddMultibodyPlant(plant_config, builder)
-    body = add_object_body(plant, object_config, friction=friction)
-    mesh = object_config.make_shape().mesh
+    body, mesh = add_object_body(plant, shape, mass, friction=friction), shape.mesh
     if isinstance(motion, Conveyor):
         driven, profile = add_model(plant, "conveyor_table.sdf"), motion.velocities()
     elif isinstance(motion, Push):
@@ -87,7 +89,7 @@ def add_moving_object(
         add_more(plant)
     plant.Finalize()
     separate_contacts(plant, scene_graph, body, is_convex=mesh.is_convex)
-    plant.SetDefaultFloatingBaseBodyPose(body, initial_pose(motion, object_config))
+    plant.SetDefaultFloatingBaseBodyPose(body, initial_pose(motion, shape))
     if isinstance(motion, Toss):
         solids = [o.solid for o in obstacles if not np.any(o.velocity)]
         solids += [TABLE_TOP] if motion.table else []
@@ -168,7 +170,8 @@ def _launch_velocity(plant: MultibodyPlant, motion: Toss) -> SpatialVelocity:
 
 def _add_replay(
     builder: DiagramBuilder,
-    object_config: ObjectConfig,
+    shape: Shape,
+    mass: float,
     motion: PoseStream,
     plant_config: MultibodyPlantConfig,
 ) -> MovingObject:
@@ -179,7 +182,7 @@ def _add_replay(
     plant = MultibodyPlant(plant_config.time_step)
     scene_graph = builder.AddNamedSystem("scene_graph", SceneGraph())
     source = plant.RegisterAsSourceForSceneGraph(scene_graph)
-    body = add_object_body(plant, object_config)
+    body = add_object_body(plant, shape, mass)
     plant.Finalize()
     frame = plant.GetBodyFrameIdOrThrow(body.index())
     replay = builder.AddNamedSystem("pose_replay", PoseReplay(motion.read(), frame))
@@ -209,6 +212,7 @@ class ObjectPlant(Diagram):
         object_config: The object.
         motion_config: Motion of the object.
         plant_config: Time step and contact model.
+        shape: Shape of the object, if it has been made.
         obstacles: Obstacles that are bodies.
     """
 
@@ -221,12 +225,14 @@ class ObjectPlant(Diagram):
         motion_config: MotionConfig,
         plant_config: MultibodyPlantConfig,
         *,
+        shape: Shape | None = None,
         obstacles: Sequence[MovingSolid] = (),
     ) -> None:
         super().__init__()
         builder = DiagramBuilder()
+        shape, mass = shape or object_config.make_shape(), object_config.mass
         self.plant, self.scene_graph, X_WO = add_moving_object(
-            builder, object_config, motion_config, plant_config, obstacles=obstacles
+            builder, shape, mass, motion_config, plant_config, obstacles=obstacles
         )
         builder.ExportOutput(X_WO, "X_WO")
         builder.ExportOutput(self.scene_graph.get_query_output_port(), "query_object")

@@ -68,7 +68,7 @@ def _velocity(name: str, limit: float, which: str, *, unit: float) -> Slider:
 def _set_rate(run: LiveRun, rate: float) -> None:
     def edit(scenario: Scenario) -> None:
         scenario.planner.period = 1 / rate
-        if isinstance(scenario.motion, Conveyor) and not scenario.grasp.has_hand:
+        if isinstance(scenario.motion, Conveyor) and not scenario.has_hand:
             # Ticks are at time steps of the plant, which are not longer than by default.
             steps = np.ceil(scenario.planner.period / Scenario().plant_config.time_step)
             scenario.plant_config.time_step = float(scenario.planner.period / steps)
@@ -106,7 +106,7 @@ class LiveControls:
         self.is_paused, self.is_stopped = False, False
         scenario = run.scenario
         sliders = [*(_VELOCITIES if isinstance(scenario.motion, Conveyor) else ()), *_SETTINGS]
-        if not scenario.grasp.has_hand:  # A hand looks ahead itself.
+        if not scenario.has_hand:  # A hand looks ahead itself.
             sliders.append(_LOOKAHEAD)
         self._sliders = {slider.name: slider for slider in sliders}
         self._buttons: dict[str, Callable[[], object]] = {
@@ -116,12 +116,12 @@ class LiveControls:
             "next strategy": run.next_strategy,
             "object: hide / show": run.switch_sight,
         }
-        for contact in range(scenario.num_contacts):
+        for contact in range(run.num_contacts):
             label = f"finger {contact}: lose / give back"
             self._buttons[label] = partial(run.switch_finger, contact)
         if not isinstance(scenario.motion, PoseStream):  # A replayed object goes on its way.
             self._buttons["object: nudge"] = run.nudge
-        if scenario.grasp.has_hand:
+        if scenario.has_hand:
             self._buttons["hand: close"] = run.close
         self._buttons |= {"save the recording": self._save, "stop": self._stop}
         self._add()

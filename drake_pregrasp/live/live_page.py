@@ -16,7 +16,7 @@ from drake_pregrasp.errors import OutputError
 from drake_pregrasp.live.live_controls import LiveControls
 from drake_pregrasp.live.live_run import LiveRun
 from drake_pregrasp.simulation.recording import start_meshcat
-from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.systems.run_timeline import OVERLAY
 
 # Meshcat's server is on this machine: a proxy of the environment does not reach it.
@@ -81,7 +81,7 @@ def served_page(meshcat: Meshcat, timeline: Callable[[], dict[str, Any]]) -> Ite
 
 
 def serve_live_run(
-    scenario: Scenario,
+    resolved: ResolvedScenario,
     *,
     name: str,
     out: str | Path = "runs",
@@ -91,7 +91,7 @@ def serve_live_run(
     """Runs a scenario in real time in a page with controls, until somebody stops it.
 
     Args:
-        scenario: Checked scenario to simulate.
+        resolved: Scenario to simulate.
         name: Name of the run, for the title and for saved recordings.
         out: Folder for saved recordings.
         announce: Function that is called with the page's address, once it can be opened.
@@ -101,7 +101,7 @@ def serve_live_run(
         OutputError: If no port can be opened.
     """
     meshcat = start_meshcat(live=True)
-    run = LiveRun(scenario, name=name, meshcat=meshcat)
+    run = LiveRun(resolved, name=name, meshcat=meshcat)
     controls = LiveControls(run, meshcat, out=Path(out))
     with served_page(meshcat, controls.timeline) as address:
         announce(address)

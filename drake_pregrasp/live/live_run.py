@@ -15,12 +15,13 @@ from drake_pregrasp.arrays import tick_index
 from drake_pregrasp.config.finger_config import DamageEvent
 from drake_pregrasp.config.object_config import Conveyor
 from drake_pregrasp.contacts.strategies import STRATEGIES
-from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.errors import PregraspError
 from drake_pregrasp.estimation.fault_settings import FOREVER
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.simulation.output import make_folder, write_text
 from drake_pregrasp.simulation.recording import camera_view, make_timeline, recording_html
-from drake_pregrasp.simulation.scenario import Scenario, keep_start
+from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario, resolve_scenario
+from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import dump_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.systems.loggers import TickRecord
@@ -41,7 +42,7 @@ class LiveRun:
     changes has the states of `run`.
 
     Args:
-        scenario: Checked scenario to simulate.
+        resolved: Scenario to simulate.
         name: Name of the run, for the title and for its folder.
         meshcat: Viewer that shows the run.
 
@@ -53,9 +54,10 @@ class LiveRun:
         is_hidden: Whether the sensor does not see the object.
     """
 
-    def __init__(self, scenario: Scenario, *, name: str, meshcat: Meshcat) -> None:
+    def __init__(self, resolved: ResolvedScenario, *, name: str, meshcat: Meshcat) -> None:
+        scenario = resolved.scenario
         self._name, self._meshcat, self._first = name, meshcat, scenario
-        self._surface, self._camera = scenario.make_surface(), camera_view(scenario, live=True)
+        self._resolved, self._camera = resolved, camera_view(resolved, live=True)
         self._diagram: Diagram | None = None
         self._velocity: list[float] | None = None  # Of the conveyor, if it was changed.
         self.scenario = copy.deepcopy(scenario)
@@ -66,7 +68,7 @@ class LiveRun:
         self.is_hidden, self._is_recording = False, True
         has_end = not isinstance(self._first.motion, Conveyor)
         self.end = self._first.simulation_duration if has_end else math.inf
-        self.timeline = make_timeline(self.scenario, self._name, self._camera)
+        self.timeline = make_timeline(self._resolved, self._name, self._camera)
         self._meshcat.DeleteRecording()
         self._simulator = self._simulate()
         self._simulator.Initialize()
@@ -80,6 +82,11 @@ class LiveRun:
         if self._velocity is not None and isinstance(scenario.motion, Conveyor):
             scenario.motion.profile = [[0.0, *self._velocity]]
         self._start()
+
+    @property
+    def num_contacts(self) -> int:
+        """Number of contacts."""
+        return self._resolved.num_contacts
 
     @property
     def time(self) -> float:
@@ -111,16 +118,17 @@ class LiveRun:
         Args:
             edit: Function that changes the scenario that it gets.
         """
-        before, diagram, simulator = self.scenario, self._diagram, self._simulator
+        before, resolved = self.scenario, self._resolved
+        diagram, simulator = self._diagram, self._simulator
         self.scenario = copy.deepcopy(before)
         edit(self.scenario)
-        keep_start(before, self.scenario, self._surface)
         try:
             self._simulator = self._simulate()
             _copy_state(simulator, self._simulator)
             self._simulator.Initialize()
-        except InvalidArgumentError as error:
-            self.scenario, self._diagram, self._simulator = before, diagram, simulator
+        except PregraspError as error:
+            self.scenario, self._resolved = before, resolved
+            self._diagram, self._simulator = diagram, simulator
             self.timeline.tell(f"refused: {error}")
 
     def set_velocity(self, *, linear: float | None = None, angular: float | None = None) -> None:
@@ -147,7 +155,7 @@ class LiveRun:
     def switch_finger(self, contact: int) -> None:
         """Takes a finger away, or gives it back."""
         damage = copy.deepcopy(self.scenario.damage)
-        if contact not in self.scenario.remaining_contacts(self.time):
+        if contact not in self._resolved.remaining_contacts(self.time):
             for event in damage:
                 event.contacts = [k for k in event.contacts if k != contact]
             damage = [event for event in damage if event.contacts]
@@ -203,11 +211,11 @@ class LiveRun:
 
     def _simulate(self) -> Simulator:
         """Returns a simulator of the scenario, whose diagram keeps the drawings of the last one."""
+        self._resolved = resolve_scenario(self.scenario, keep=self._resolved)
         self._diagram = make_diagram(
-            self.scenario,
-            self._surface,
+            self._resolved,
             sink=self._add_tick,
-            grasp_sink=self.timeline.add_grasp if self.scenario.grasp.has_hand else None,
+            grasp_sink=self.timeline.add_grasp if self.scenario.has_hand else None,
             meshcat=self._meshcat,
             record=self._is_recording,
             live=True,

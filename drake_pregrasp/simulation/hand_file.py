@@ -1,7 +1,5 @@
 """Descriptions of hands from YAML files, and their models."""
 
-import copy
-import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,8 +22,17 @@ from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 
 
 @dataclass
-class HandConfig:
-    """Frame H of the hand, in which the reach of the fingers is given."""
+class HandFile:
+    """A simulated hand."""
+
+    # File with the hand's description, relative to the scenario's file, or package://drake_pregrasp/
+    # for a hand that is shipped. Empty: no hand, only planning.
+    file: str = field(default="", metadata={"path": True})
+
+
+@dataclass
+class HandFrame:
+    """Frame H of a hand that is not simulated, in which the reach of the fingers is given."""
 
     # Position of H in metres: relative to the object's estimated origin if `follow`, else in W.
     position: list[float] = field(default_factory=zeros, metadata=POINT)
@@ -46,6 +53,9 @@ class HandConfig:
         return RigidTransform(RollPitchYaw(self.rpy), p_WH)
 
 
+HandConfig = HandFile | HandFrame
+
+
 def load_hand(file: str | Path, *, folders: Sequence[str | Path] | None = None) -> HandDescription:
     """Loads the description of a hand, with its keys, types and ranges checked.
 
@@ -61,7 +71,8 @@ def load_hand(file: str | Path, *, folders: Sequence[str | Path] | None = None) 
         path = resolve_path(str(file), Path.cwd())
     except InvalidArgumentError as error:
         raise ScenarioError(str(file), "", str(error)) from error
-    description = copy.deepcopy(_described(str(path), read_text(path)))
+    data = parse_entries(str(path), read_text(path))
+    description = load_checked(str(path), "", data, HandDescription())
     allowed = None if folders is None else [path.parent, *map(Path, folders)]
     make_paths_absolute(description, path.parent, allowed=allowed, source=str(path))
     if allowed is not None and not description.model.startswith((MODELS_URL, ROBOTS_URL)):
@@ -72,50 +83,19 @@ def load_hand(file: str | Path, *, folders: Sequence[str | Path] | None = None) 
     return description
 
 
-@functools.lru_cache(maxsize=8)  # A scenario with a hand reads its description nine times.
-def _described(source: str, text: str) -> HandDescription:
-    return load_checked(source, "", parse_entries(source, text), HandDescription())
-
-
-def load_hand_model(
-    file: str | Path,
+def made_hand(
+    description: HandDescription,
     yaw_range: tuple[float, float] = FREE_TURN,
-    *,
-    object_top: float = 0.0,
     X_LA: RigidTransform = FROM_ABOVE,
 ) -> HandModel:
-    """Loads a hand and its model, or returns the cached model while both files are unchanged.
-
-    Args:
-        file: File of the hand's description; see `load_hand`.
-        yaw_range: Range of the palm's yaw in radians; see `HandModel`.
-        object_top: Height of the object's top over its centre of mass, in metres; see
-            `HandDescription`.
-        X_LA: Approach of the palm; see `HandModel`.
+    """Returns the model of a hand; the arguments are those of `HandModel`.
 
     Raises:
-        ScenarioError: If the description is invalid; see `load_hand`.
-        InvalidArgumentError: If the model is invalid; see `HandModel`.
+        InvalidArgumentError: If the model is invalid; Drake's reason is the message.
     """
-    path = model_path(load_hand(file).model)
-    own = resolve_path(str(file), Path.cwd())
-    changed = own.stat().st_mtime_ns, path.stat().st_mtime_ns
-    approach = tuple(X_LA.GetAsMatrix34().ravel().tolist())
-    return _model(own, path, changed, yaw_range, object_top, approach)
-
-
-@functools.lru_cache(maxsize=8)  # Models of all approaches, and with the range of the wrist.
-def _model(
-    file: Path,
-    model: Path,
-    changed: tuple[int, int],
-    yaw_range: tuple[float, float],
-    object_top: float,
-    approach: tuple[float, ...],
-) -> HandModel:
     try:
         with failures_as_errors():
-            X_LA = RigidTransform(np.reshape(approach, (3, 4)))
-            return HandModel(load_hand(file).over_object(object_top), yaw_range, X_LA)
+            return HandModel(description, yaw_range, X_LA)
     except RuntimeError as error:
-        raise InvalidArgumentError(f"model: {model} cannot be used: {first_line(error)}") from error
+        problem = f"model: {description.model} cannot be used: {first_line(error)}"
+        raise InvalidArgumentError(problem) from error

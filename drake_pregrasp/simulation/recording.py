@@ -9,14 +9,13 @@ from pydrake.systems.framework import DiagramBuilder
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.hand_description import Arm
 from drake_pregrasp.config.object_config import Conveyor
-from drake_pregrasp.diagrams.expected_path import expected_path, initial_pose
+from drake_pregrasp.diagrams.expected_path import expected_path
 from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.errors import OutputError
-from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
 from drake_pregrasp.systems.run_timeline import RunTimeline
 
@@ -77,8 +76,7 @@ class CameraView(NamedTuple):
 def add_visualizers(
     builder: DiagramBuilder,
     meshcat: Meshcat,
-    scenario: Scenario,
-    surface: ObjectSurface,
+    resolved: ResolvedScenario,
     object_plant: ObjectPlant | HandStation,
     planner: PregraspPlanner,
     *,
@@ -92,8 +90,7 @@ def add_visualizers(
     Args:
         builder: Builder of the diagram.
         meshcat: Viewer for all drawings.
-        scenario: Scenario to simulate.
-        surface: Surface of the object.
+        resolved: Scenario to simulate.
         object_plant: Plant in the builder, with the object and perhaps a hand.
         planner: Planner in the builder.
         record: Whether to start a recording.
@@ -101,16 +98,17 @@ def add_visualizers(
         camera: Initial camera; by default one that sees the whole motion without following it.
         continues: Visualizer of an equal diagram whose drawings and camera are kept.
     """
-    num_contacts, period = scenario.num_contacts, scenario.recording.publish_period
+    config = resolved.scenario.recording
+    period = config.publish_period
     query, params = object_plant.GetOutputPort("query_object"), MeshcatVisualizerParams()
     params.publish_period = period
     params.prefix = "/drake/bodies"  # A page loads paths in alphabetical order: bodies come first.
     MeshcatVisualizer.AddToBuilder(builder, query, meshcat, params)
     visualizer = PregraspVisualizer(
         meshcat=meshcat,
-        surface=surface,
-        tile_surface=scenario.make_surface(scenario.recording.tile_size),
-        num_contacts=num_contacts,
+        surface=resolved.surface,
+        tile_surface=resolved.sampled_surface(config.tile_size),
+        num_contacts=resolved.num_contacts,
         publish_period=period,
         record=record,
         continues=continues,
@@ -123,7 +121,7 @@ def add_visualizers(
         meshcat.StartRecording(1 / period, set_visualizations_while_recording=live)
     if continues is not None:
         return
-    view = camera or camera_view(scenario, follows=False)
+    view = camera or camera_view(resolved, follows=False)
     for name in ("/Grid", "/Axes"):
         meshcat.SetProperty(name, "visible", False)
     meshcat.SetProperty("/Background", "top_color", [1.0, 1.0, 1.0])
@@ -133,29 +131,31 @@ def add_visualizers(
     meshcat.SetCameraPose(view.p_WK, view.p_WT)
 
 
-def camera_view(scenario: Scenario, *, live: bool = False, follows: bool = True) -> CameraView:
+def camera_view(
+    resolved: ResolvedScenario, *, live: bool = False, follows: bool = True
+) -> CameraView:
     """Returns the camera of a scenario.
 
     With a hand, the camera sees the palm too, until the hand rests.
 
     Args:
-        scenario: Checked scenario.
+        resolved: Scenario to simulate.
         live: Whether a conveyor does not end.
         follows: Whether the camera follows an object that moves far; otherwise it stays.
     """
-    grasp, motion, direction = scenario.grasp, scenario.motion, _CAMERA
-    extent = max(_SMALLEST, float(scenario.object.make_shape().mesh.extents.max()))
+    scenario, hand, direction = resolved.scenario, resolved.hand, _CAMERA
+    grasp, motion = scenario.grasp, scenario.motion
+    extent = max(_SMALLEST, float(resolved.shape.mesh.extents.max()))
     duration = scenario.simulation_duration + scenario.planner.estimator.lookahead
     p_LA = np.array([0.0, 0.0, _HEADROOM * extent])
-    if grasp.has_hand:
-        settings, model = grasp.make_settings(), scenario.load_hand_model()
-        hand = model.description
-        duration = min(duration, grasp.latest_rest(hand.fingertips))
-        above = hand.palm_height + max(settings.lift_height, settings.approach_height)
-        has_arm = isinstance(hand.base, Arm)
-        p_LA = model.X_LA @ np.array([0.0, 0.0, above + has_arm * _ARM_RAISED])
+    if hand is not None:
+        settings, description = grasp.make_settings(), hand.description
+        duration = min(duration, grasp.latest_rest(description.fingertips))
+        above = description.palm_height + max(settings.lift_height, settings.approach_height)
+        has_arm = isinstance(description.base, Arm)
+        p_LA = hand.X_LA @ np.array([0.0, 0.0, above + has_arm * _ARM_RAISED])
         direction = _ARM_CAMERA if has_arm else _HAND_CAMERA
-    path = expected_path(motion, duration, scenario.object)
+    path = expected_path(motion, duration, resolved.shape)
     shown = _SHOWN_WAY * extent
     share = follows * (1 - shown / np.maximum(np.ptp(path, axis=0), shown))
     if live and isinstance(motion, Conveyor):
@@ -167,8 +167,7 @@ def camera_view(scenario: Scenario, *, live: bool = False, follows: bool = True)
     low, high = path.min(axis=0), path.max(axis=0)
     target: FloatArray = (low + high) / 2
     scale = max(_NEAREST * extent, _VIEW * float((high - low).max() + extent))
-    p_WO = initial_pose(motion, scenario.object).translation()
-    return CameraView(target + scale * direction, target, share, p_WO)
+    return CameraView(target + scale * direction, target, share, resolved.X_WO.translation())
 
 
 def recording_html(meshcat: Meshcat, timeline: RunTimeline) -> str:
@@ -184,18 +183,21 @@ def recording_html(meshcat: Meshcat, timeline: RunTimeline) -> str:
     return timeline.added_to(meshcat.StaticHtml())
 
 
-def make_timeline(scenario: Scenario, name: str, camera: CameraView | None = None) -> RunTimeline:
+def make_timeline(
+    resolved: ResolvedScenario, name: str, camera: CameraView | None = None
+) -> RunTimeline:
     """Returns the timeline of a run that begins.
 
     Args:
-        scenario: Checked scenario.
+        resolved: Scenario to simulate.
         name: Name of the run, for the title.
         camera: Initial camera of the page with the timeline, which follows the object; by default
             it stays.
     """
-    title = f"{name}: {scenario.description}" if scenario.description else name
-    names, end = scenario.obstacle_names, scenario.planner.static_duration
+    description = resolved.scenario.description
+    title = f"{name}: {description}" if description else name
+    names, end = resolved.obstacle_names, resolved.planner.static_duration
     view = {} if camera is None else camera._asdict()
     follows = {name: vector.tolist() for name, vector in view.items()}
-    n = scenario.num_contacts
+    n = resolved.num_contacts
     return RunTimeline(title, n, static_end=end, obstacle_names=names, camera=follows)

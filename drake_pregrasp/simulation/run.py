@@ -26,10 +26,11 @@ from drake_pregrasp.simulation.recording import (
     recording_html,
     start_meshcat,
 )
+from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.run_log import GraspLog, RunLog, static_end
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_check import check_recording
-from drake_pregrasp.simulation.scenario_file import check_scenario, dump_scenario
+from drake_pregrasp.simulation.scenario_file import dump_scenario, resolve
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.simulation.summary import plot_metrics, summarize, summarize_grasp
 from drake_pregrasp.systems.drawing import contact_color
@@ -66,7 +67,7 @@ class RunResult:
 
 
 def run(
-    scenario: Scenario,
+    scenario: Scenario | ResolvedScenario,
     *,
     name: str,
     out: str | Path = "runs",
@@ -99,12 +100,12 @@ def run(
     """
     if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*", name):
         raise ScenarioError("", name, "a run's name must have only letters, digits, '_', '-', '.'")
-    check_scenario(scenario)
+    resolved = resolve(scenario)
     if recording:
-        check_recording("scenario", scenario, scenario.make_surface())
+        check_recording("scenario", resolved.scenario, resolved.surface)
     if mcap:
         check_installed(MCAP_FILE)
-    folder, text = Path(out) / name, dump_scenario(name, scenario)
+    folder, text = Path(out) / name, dump_scenario(name, resolved.scenario)
     output.make_folder(folder)
     with output.claimed(folder):
         earlier = [folder / file for file in RUN_FILES if (folder / file).exists()]
@@ -114,7 +115,7 @@ def run(
                 " folder with --out, or replace it with --overwrite (in Python: out, overwrite)"
             )
         meshcat = start_meshcat() if recording else None
-        logged = LoggedRun(scenario, folder, name=name, meshcat=meshcat, mcap=mcap, on_tick=on_tick)
+        logged = LoggedRun(resolved, folder, name=name, meshcat=meshcat, mcap=mcap, on_tick=on_tick)
         with output.writing(folder):  # Last, when everything is known to be valid.
             for file in earlier:
                 file.unlink()
@@ -126,16 +127,15 @@ def run(
             output.write_text(folder / "recording.html", recording_html(meshcat, logged.timeline))
         summary = summarize(
             name,
-            scenario,
-            logged.surface,
+            resolved,
             logged.log,
             wall_seconds=logged.wall_seconds,
             completed=logged.completed,
         )
         if logged.grasp_log is not None:
-            summary["grasp"] = summarize_grasp(scenario, logged.grasp_log)
+            summary["grasp"] = summarize_grasp(resolved, logged.grasp_log)
         output.write_text(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
-        plot_metrics(folder / "metrics.png", name, scenario, logged.log, summary)
+        plot_metrics(folder / "metrics.png", name, resolved.scenario, logged.log, summary)
     return RunResult(folder=folder, summary=summary, replaced=bool(earlier))
 
 
@@ -149,7 +149,7 @@ class LoggedRun:
     """A scenario's diagram with the logs of its simulation.
 
     Args:
-        scenario: Checked scenario to simulate.
+        resolved: Scenario to simulate.
         folder: Folder for `log.csv` and, with a hand, `grasp.csv`.
         name: Name of the run, for the title of its timeline.
         meshcat: Viewer that records the simulation; None for no recording.
@@ -160,7 +160,6 @@ class LoggedRun:
         timeline: Timeline of the run, for its recording.
         log: Log of the planning ticks.
         grasp_log: Log of the control ticks; None without a hand.
-        surface: Surface of the object.
         diagram: Diagram of the simulation.
         completed: Whether the simulation reached its end.
         wall_seconds: Computing time of the simulation, in seconds.
@@ -168,7 +167,7 @@ class LoggedRun:
 
     def __init__(
         self,
-        scenario: Scenario,
+        resolved: ResolvedScenario,
         folder: Path,
         *,
         name: str = "",
@@ -176,19 +175,16 @@ class LoggedRun:
         mcap: bool = False,
         on_tick: Callable[[TickRecord], None] | None = None,
     ) -> None:
-        n, lookahead = scenario.num_contacts, scenario.planner.estimator.lookahead
-        end, has_hand = static_end(scenario), scenario.grasp.has_hand
-        self.surface = scenario.make_surface()
+        n, lookahead = resolved.num_contacts, resolved.planner.estimator.lookahead
+        end, has_hand = static_end(resolved.scenario), resolved.hand is not None
         colors = np.array([contact_color(i).rgba[:3] for i in range(n)])
-        mcap_log = McapLog(folder / MCAP_FILE, self.surface, colors) if mcap else None
+        mcap_log = McapLog(folder / MCAP_FILE, resolved.surface, colors) if mcap else None
         self.log = log = RunLog(folder / "log.csv", n, static_end=end, lookahead=lookahead)
         self._mcap = mcap_log
         self.grasp_log = grasp_log = GraspLog(folder / "grasp.csv", n) if has_hand else None
-        camera = None if meshcat is None else camera_view(scenario)
-        self._scenario, self.timeline = (
-            scenario,
-            (timeline := make_timeline(scenario, name, camera)),
-        )
+        camera = None if meshcat is None else camera_view(resolved)
+        timeline = self.timeline = make_timeline(resolved, name, camera)
+        self._scenario = resolved.scenario
         self.completed, self.wall_seconds = False, 0.0
 
         def add_tick(record: TickRecord) -> None:
@@ -210,8 +206,7 @@ class LoggedRun:
                 timeline.add_grasp(record)
 
         self.diagram = make_diagram(
-            scenario,
-            self.surface,
+            resolved,
             sink=add_tick,
             grasp_sink=None if grasp_log is None else add_grasp,
             meshcat=meshcat,

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import AddMultibodyPlant
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
@@ -12,25 +12,20 @@ from scipy.spatial.transform import Rotation
 from trimesh.remesh import subdivide_to_size
 
 from drake_pregrasp.arrays import SLACK, tick_index
+from drake_pregrasp.config.finger_config import capability_at, remaining_contacts
 from drake_pregrasp.config.limits_config import LimitsConfig
-from drake_pregrasp.config.object_config import Box, Conveyor, Mesh, PoseStream, Push, Toss
+from drake_pregrasp.config.object_config import Box, Conveyor, PoseStream, Push, Toss
 from drake_pregrasp.config.sensor_config import fault_problems
 from drake_pregrasp.contacts.strategies import BLEND, STRATEGIES
 from drake_pregrasp.diagrams.expected_path import expected_poses
 from drake_pregrasp.diagrams.hand_parsing import failures_as_errors
-from drake_pregrasp.errors import InvalidArgumentError, NoSurfaceError, first_line
+from drake_pregrasp.errors import Problems, ScenarioError, errors_at, first_line, raise_first
+from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.regions.coordinates import GIVEN, QUANTITIES
 from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
-from drake_pregrasp.simulation.grasp_check import (
-    Problems,
-    check_fingers_have_room,
-    errors_at,
-    grasp_problems,
-    raise_first,
-)
 from drake_pregrasp.simulation.obstacle_config import moving_solid
-from drake_pregrasp.simulation.scenario import Scenario, hand_planner
+from drake_pregrasp.simulation.scenario import Scenario
 
 MAX_TICKS = 5_000_000
 """Largest number of planning ticks of a run, and of control ticks: each is a row of a log."""
@@ -48,80 +43,104 @@ _PARTS = 20  # Parts of the object's longest edge in which obstacles are looked 
 _LIMITS = ((10.0, "m/s"), (100.0, "rad/s"))  # Largest velocities of a motion profile.
 
 
-def validate(scenario: Scenario, source: str = "scenario") -> None:
-    """Checks that the values of a scenario fit together.
+def scenario_problems(
+    scenario: Scenario, count: int, surface: ObjectSurface, plant: MultibodyPlantConfig
+) -> Problems:
+    """Yields the key and a description of each reason why the values of a scenario do not fit.
 
     Args:
         scenario: Scenario whose keys, types and ranges have been checked.
-        source: Name of the scenario's origin, for error messages.
-
-    Raises:
-        ScenarioError: If the scenario cannot be simulated.
+        count: Number of contacts.
+        surface: Surface of the object.
+        plant: Configuration of the plant.
     """
-    raise_first(source, _surface_problems(scenario))
-    raise_first(source, _problems(scenario, scenario.make_surface()))
-
-
-def _surface_problems(scenario: Scenario) -> Problems:
-    sampling = scenario.surface
-    with errors_at("object.file" if isinstance(scenario.object, Mesh) else "object.profile"):
-        shape = scenario.object.make_shape()
-    for index, area in enumerate(sampling.no_touch):
-        with errors_at(f"surface.no_touch[{index}]"):
-            area.make_area(shape)
-    try:
-        scenario.make_surface()
-    except NoSurfaceError as error:
-        yield f"surface.{'no_touch' if sampling.no_touch else 'forbidden_faces'}", str(error)
-    except InvalidArgumentError as error:
-        key = "forbidden_spacing" if "forbidden_spacing" in str(error) else "spacing"
-        yield f"surface.{key}", str(error)
-
-
-def _problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     for name, problem in fault_problems(scenario.sensor.faults, scenario.planner.period):
         yield f"sensor.faults.{name}", problem
     for index, obstacle in enumerate(scenario.obstacles):
         with errors_at(f"obstacles[{index}]"):
             obstacle.make_solid()
-    yield from _scenario_problems(scenario, surface)
+    yield from _contact_problems(scenario, count, surface)
+    yield from _duration_problems(scenario, plant)
+    yield from _damage_problems(scenario, count)
+    yield from _capability_problems(scenario, count)
+    if plant.contact_model == "point":
+        problem = "objects hop and sink with point contact"
+        yield "plant_config.contact_model", f"{problem}; choose hydroelastic_with_fallback"
+    yield from _planner_problems(scenario, count)
+    yield from _motion_problems(scenario, surface)
+
+
+def _contact_problems(scenario: Scenario, count: int, surface: ObjectSurface) -> Problems:
+    places, extents = len(surface.p_OQ), surface.mesh.extents
+    yield from _size_problems("surface.spacing", scenario.surface.spacing, np.max(extents))
+    if scenario.ring_contacts > places:
+        yield "ring_contacts", f"{count} is more than the {places} candidates of this surface"
+    if count == 0:
+        yield "initial_contacts", "has none; give at least one, or a hand that chooses them"
+    yield from _length_problems("hand.fingertips", scenario.hand_frame.fingertips, count)
+    if isinstance(scenario.object, Box) and not scenario.ring_contacts:
+        p_OC = np.reshape(scenario.initial_contacts, (-1, 3)) * extents / 2
+        for index, distance in enumerate(np.abs(surface.distance(p_OC))):
+            if distance > CONTACT_TOLERANCE:
+                problem = f"{scenario.initial_contacts[index]} is {1e3 * distance:.3g} mm off the"
+                rule = f"at most {1e3 * CONTACT_TOLERANCE} mm, so one coordinate must be 1 or -1"
+                yield f"initial_contacts[{index}]", f"{problem} surface; {rule} and none beyond"
+    yield from _length_problems("contact_weights", scenario.contact_weights, count)
+
+
+def _duration_problems(scenario: Scenario, plant: MultibodyPlantConfig) -> Problems:
+    periods = [
+        ("planner.period", scenario.planner.period, MAX_TICKS, "ticks"),
+        ("plant_config.time_step", plant.time_step, MAX_STEPS, "steps"),
+    ]
+    if scenario.has_hand:
+        periods.append(("grasp.period", scenario.grasp.period, MAX_TICKS, "ticks"))
+    for key, period, most, what in periods:
+        yield from _count_problems(key, period, scenario.simulation_duration / period, most, what)
+
+
+def _planner_problems(scenario: Scenario, count: int) -> Problems:
+    planner = scenario.planner
+    coast, lost = planner.estimator.coast_after, planner.estimator.lost_after
+    if coast > lost:
+        yield "planner.estimator.coast_after", f"{coast} must be at most lost_after, {lost}"
+    if planner.strategy == BLEND and not any(vars(planner.blend).values()):
+        names = ", ".join(STRATEGIES)
+        yield "planner.blend", f"all weights are 0; a {BLEND} needs one above 0 out of: {names}"
     for name in ("tip_radii", "reach", "forbidden_faces"):
-        values = getattr(scenario.planner.limits, name)
-        yield from _length_problems(f"planner.limits.{name}", values, scenario.num_contacts)
-    if scenario.planner.needs_finger_measures and not scenario.grasp.has_hand:
+        yield from _length_problems(f"planner.limits.{name}", getattr(planner.limits, name), count)
+    if planner.needs_finger_measures and not scenario.has_hand:
         names = ", ".join(FINGER_MEASURES)
-        yield "grasp.hand", f"none is given, but weights or limits of {names} need one"
-    for index, coordinate in enumerate(scenario.planner.coordinates):
+        yield "hand.file", f"none is given, but weights or limits of {names} need one"
+    for index, coordinate in enumerate(planner.coordinates):
         key = f"planner.coordinates[{index}]"
-        yield from _length_problems(f"{key}.fingers", coordinate.fingers, scenario.num_contacts)
+        yield from _length_problems(f"{key}.fingers", coordinate.fingers, count)
         if coordinate.candidates == GIVEN:
             names = ", ".join(QUANTITIES)
             yield f"{key}.candidates", f"nothing is connected to the port; choose one of: {names}"
-        before = [axis.label for axis in scenario.planner.coordinates[:index]]
+        before = [axis.label for axis in planner.coordinates[:index]]
         if coordinate.label in before:
             problem = f"coordinates[{before.index(coordinate.label)}] is called so, too"
             yield f"{key}.name", f"{coordinate.label} must be unique: {problem}"
-    yield from grasp_problems(scenario, surface)
-    yield from _obstacle_problems(scenario, surface)
-    limits = hand_planner(scenario).limits
-    yield from _limits_problems(limits, scenario.num_contacts, surface)
-    yield from _reach_problems(scenario, limits, surface)
-    check_fingers_have_room(scenario, surface)
-    yield from _drake_problems(scenario)
 
 
-def _obstacle_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
-    """Yields obstacles that are bodies, but that the object starts in or is carried into."""
+def obstacle_problems(scenario: Scenario, shape: Shape) -> Problems:
+    """Yields obstacles that are bodies, but that the object starts in or is carried into.
+
+    Args:
+        scenario: Scenario whose other values have been checked.
+        shape: Shape of the object.
+    """
     grasp, duration = scenario.grasp, scenario.simulation_duration
-    if grasp.has_hand:
+    if scenario.has_hand:
         duration = min(duration, grasp.latest_rest())
-    mesh, longest = surface.mesh, np.max(surface.mesh.extents)
+    mesh, longest = shape.mesh, np.max(shape.mesh.extents)
     for index, obstacle in enumerate(scenario.obstacles):
         if not obstacle.body or isinstance(scenario.motion, PoseStream):
             continue
         p_OV, _ = subdivide_to_size(mesh.vertices, mesh.faces, longest / _PARTS)
         moving = moving_solid(obstacle)
-        for time, X_WO in expected_poses(scenario.motion, duration, scenario.object):
+        for time, X_WO in expected_poses(scenario.motion, duration, shape):
             depth = -float(np.min(moving.at(time).distance((X_WO @ p_OV.T).T)))
             if depth >= 0:
                 problem = f"at {time:.3g} s the object is {1e3 * depth:.3g} mm inside this body"
@@ -140,8 +159,11 @@ def check_recording(source: str, scenario: Scenario, surface: ObjectSurface) -> 
     period, tile = scenario.recording.publish_period, scenario.recording.tile_size
     frames, tiles = scenario.simulation_duration / period, float(surface.areas.sum()) / tile**2
     key = "recording.publish_period"
-    raise_first(source, _count_problems(key, period, frames, MAX_FRAMES, "frames"))
-    raise_first(source, _count_problems("recording.tile_size", tile, tiles, MAX_TILES, "tiles"))
+    try:
+        raise_first(_count_problems(key, period, frames, MAX_FRAMES, "frames"))
+        raise_first(_count_problems("recording.tile_size", tile, tiles, MAX_TILES, "tiles"))
+    except ScenarioError as error:
+        raise ScenarioError(source, error.key, error.problem) from None
 
 
 def _count_problems(key: str, value: float, count: float, most: int, what: str) -> Problems:
@@ -160,47 +182,8 @@ def _size_problems(key: str, size: float, largest: float, hint: str = "") -> Pro
         yield key, f"{size} is more than the object's own {largest:.3g} m{hint}"
 
 
-def _scenario_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
-    planner, plant = scenario.planner, scenario.plant_settings
-    count, places, extents = scenario.num_contacts, len(surface.p_OQ), surface.mesh.extents
-    yield from _size_problems("surface.spacing", scenario.surface.spacing, np.max(extents))
-    if scenario.ring_contacts > places:
-        yield "ring_contacts", f"{count} is more than the {places} candidates of this surface"
-    if count == 0:
-        yield "initial_contacts", "has none; give at least one, or a hand that chooses them"
-    yield from _length_problems("hand.fingertips", scenario.hand.fingertips, count)
-    periods = [
-        ("planner.period", planner.period, MAX_TICKS, "ticks"),
-        ("plant_config.time_step", plant.time_step, MAX_STEPS, "steps"),
-    ]
-    if scenario.grasp.has_hand:
-        periods.append(("grasp.period", scenario.grasp.period, MAX_TICKS, "ticks"))
-    for key, period, most, what in periods:
-        yield from _count_problems(key, period, scenario.simulation_duration / period, most, what)
-    if isinstance(scenario.object, Box) and not scenario.ring_contacts:
-        p_OC = np.reshape(scenario.initial_contacts, (-1, 3)) * extents / 2
-        for index, distance in enumerate(np.abs(surface.distance(p_OC))):
-            if distance > CONTACT_TOLERANCE:
-                problem = f"{scenario.initial_contacts[index]} is {1e3 * distance:.3g} mm off the"
-                rule = f"at most {1e3 * CONTACT_TOLERANCE} mm, so one coordinate must be 1 or -1"
-                yield f"initial_contacts[{index}]", f"{problem} surface; {rule} and none beyond"
-    yield from _length_problems("contact_weights", scenario.contact_weights, count)
-    yield from _damage_problems(scenario)
-    yield from _capability_problems(scenario)
-    if plant.contact_model == "point":
-        problem = "objects hop and sink with point contact"
-        yield "plant_config.contact_model", f"{problem}; choose hydroelastic_with_fallback"
-    coast, lost = planner.estimator.coast_after, planner.estimator.lost_after
-    if coast > lost:
-        yield "planner.estimator.coast_after", f"{coast} must be at most lost_after, {lost}"
-    yield from _motion_problems(scenario, surface)
-    if planner.strategy == BLEND and not any(vars(planner.blend).values()):
-        names = ", ".join(STRATEGIES)
-        yield "planner.blend", f"all weights are 0; a {BLEND} needs one above 0 out of: {names}"
-
-
-def _damage_problems(scenario: Scenario) -> Problems:
-    n, damage = scenario.num_contacts, scenario.damage
+def _damage_problems(scenario: Scenario, n: int) -> Problems:
+    damage = scenario.damage
     period, duration = scenario.planner.period, scenario.simulation_duration
     last_tick = period * tick_index(duration, period)
     for index, event in enumerate(damage):
@@ -220,12 +203,12 @@ def _damage_problems(scenario: Scenario) -> Problems:
                 problem = f"there is no contact {contact} left to lose; there are: {names}"
                 yield f"{key}.contacts", problem
             left.discard(contact)
-        if not scenario.remaining_contacts(event.at):
+        if not remaining_contacts(damage, n, event.at):
             yield f"{key}.contacts", f"{event.contacts} leaves no contact; one must stay"
 
 
-def _capability_problems(scenario: Scenario) -> Problems:
-    left = set(range(scenario.num_contacts))
+def _capability_problems(scenario: Scenario, n: int) -> Problems:
+    left = set(range(n))
     for index, profile in enumerate(scenario.capability):
         key, contact, times = f"capability[{index}]", profile.contact, profile.times
         if contact not in left:
@@ -238,8 +221,8 @@ def _capability_problems(scenario: Scenario) -> Problems:
             yield f"{key}.times", f"{times} must increase"
     changes = {0.0, *(time for profile in scenario.capability for time in profile.times)}
     for time in sorted(changes | {event.at for event in scenario.damage}):
-        remaining = scenario.remaining_contacts(time)
-        is_left = np.any(scenario.capability_at(time)[remaining] > 0)
+        remaining = remaining_contacts(scenario.damage, n, time)
+        is_left = np.any(capability_at(scenario.capability, n, time)[remaining] > 0)
         if time <= scenario.simulation_duration and not is_left:
             yield "capability", f"leaves no finger above 0 at {time:g} s; one must stay"
 
@@ -278,6 +261,21 @@ def _profile_problems(profile: list[list[float]]) -> Problems:
                 yield f"{key}[{place}]", f"{value} must be from {-limit:g} to {limit:g} {unit}"
 
 
+def limit_problems(
+    scenario: Scenario, limits: LimitsConfig, count: int, surface: ObjectSurface
+) -> Problems:
+    """Yields the key and a description of each limit on goals that does not fit.
+
+    Args:
+        scenario: Scenario whose other values have been checked.
+        limits: Limits of the planner, with those of the hand.
+        count: Number of contacts.
+        surface: Surface of the object.
+    """
+    yield from _limits_problems(limits, count, surface)
+    yield from _reach_problems(scenario, limits, surface)
+
+
 def _limits_problems(limits: LimitsConfig, num_contacts: int, surface: ObjectSurface) -> Problems:
     key, radii = "planner.limits", limits.tip_radii
     longest, extent = float(np.linalg.norm(surface.mesh.extents)), np.max(surface.mesh.extents)
@@ -311,9 +309,9 @@ def _limits_problems(limits: LimitsConfig, num_contacts: int, surface: ObjectSur
 
 def _reach_problems(scenario: Scenario, limits: LimitsConfig, surface: ObjectSurface) -> Problems:
     """Yields problems of fingers that can never reach the object, if the hand follows it."""
-    if not scenario.hand.follow:
+    if not scenario.hand_frame.follow:
         return
-    p_HO = scenario.hand.initial_X_WH(RigidTransform()).inverse().translation()
+    p_HO = scenario.hand_frame.initial_X_WH(RigidTransform()).inverse().translation()
     farthest = float(np.max(np.linalg.norm(surface.p_OQ, axis=1)))
     for index, reach in enumerate(limits.reach):
         # The object may rotate relative to the hand: only the distance of its origin is known.
@@ -324,11 +322,11 @@ def _reach_problems(scenario: Scenario, limits: LimitsConfig, surface: ObjectSur
             yield f"planner.limits.reach[{index}]", problem
 
 
-def _drake_problems(scenario: Scenario) -> Problems:
+def drake_problems(scenario: Scenario, plant: MultibodyPlantConfig) -> Problems:
     """Yields Drake's own errors about its settings."""
     try:
         with failures_as_errors():
-            AddMultibodyPlant(scenario.plant_settings, DiagramBuilder())
+            AddMultibodyPlant(plant, DiagramBuilder())
     except RuntimeError as error:
         yield "plant_config", first_line(error)
     try:

@@ -1,7 +1,6 @@
 """Loads and writes scenarios in Drake's format: YAML with named entries and overrides."""
 
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +9,8 @@ from pydrake.common.yaml import yaml_dump_typed
 from drake_pregrasp.errors import ScenarioError, nearest, printable
 from drake_pregrasp.resources import make_paths_absolute, resource_folder
 from drake_pregrasp.simulation.hand_file import load_hand
+from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario, resolve_scenario
 from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.simulation.scenario_check import validate
 from drake_pregrasp.simulation.schema_check import add_tags, check_mapping, load_checked
 from drake_pregrasp.simulation.yaml_text import parse_entries, parse_yaml, read_text
 
@@ -23,15 +22,9 @@ def shipped_scenarios() -> dict[str, tuple[Path, str]]:
     """Returns the file and description of each shipped scenario, with the paper's first."""
     files = resource_folder("scenarios").glob("*.yaml")
     ordered = sorted(files, key=lambda file: (file.stem != "paper", file.stem))
-    return dict(_entries_of(tuple((file, file.stat().st_mtime_ns) for file in ordered)))
-
-
-@lru_cache(maxsize=1)
-def _entries_of(files: tuple[tuple[Path, int], ...]) -> dict[str, tuple[Path, str]]:
-    """Returns what `shipped_scenarios` does; read anew when a file changes."""
     return {
         name: (file, str(entry.get("description", "")))
-        for file, _ in files
+        for file in ordered
         for name, entry in read_mapping(file).items()
     }
 
@@ -58,7 +51,7 @@ def load_scenario(
     text: str | None = None,
     folders: Sequence[str | Path] = (),
 ) -> Scenario:
-    """Loads a scenario.
+    """Loads the data of a scenario, with its keys, types and ranges checked.
 
     Relative paths start at the file's folder, and those in `text` at the working directory. The
     returned scenario has absolute paths.
@@ -146,25 +139,63 @@ def scenario_from_data(
 
 def _check_loaded(scenario: Scenario, source: str, folder: Path, allowed: list[Path]) -> None:
     make_paths_absolute(scenario, folder, allowed=allowed, source=source)
-    if scenario.grasp.has_hand:
+    if scenario.has_hand:
         try:
-            load_hand(scenario.grasp.hand, folders=allowed)
+            load_hand(scenario.hand_file, folders=allowed)
         except ScenarioError as error:
-            raise ScenarioError(source, "grasp.hand", str(error)) from error
-    validate(scenario, source)
+            raise ScenarioError(source, "hand.file", str(error)) from error
 
 
-def check_scenario(scenario: Scenario) -> None:
-    """Checks a scenario that was made in Python like a scenario from a file.
+def resolve(scenario: Scenario | ResolvedScenario) -> ResolvedScenario:
+    """Returns a scenario with everything that it needs to be simulated.
 
-    Relative paths start at the working directory, and are made absolute.
+    A scenario that was made in Python is checked like one from a file: relative paths start at the
+    working directory, and are made absolute. A resolved scenario is returned as it is.
 
     Raises:
         ScenarioError: If the scenario cannot be simulated.
     """
+    if isinstance(scenario, ResolvedScenario):
+        return scenario
     make_paths_absolute(scenario, Path.cwd())
     check_mapping("scenario", "", scenario_data(scenario), Scenario)
-    validate(scenario)
+    return resolve_scenario(scenario)
+
+
+def load_resolved(
+    name: str | None = None,
+    *,
+    file: str | Path | None = None,
+    text: str | None = None,
+    folders: Sequence[str | Path] = (),
+    simulation_duration: float | None = None,
+) -> ResolvedScenario:
+    """Loads a scenario and resolves it; see `load_scenario` and `resolve`.
+
+    Args:
+        name: Name of an entry of `file`, or of a shipped scenario.
+        file: YAML file of scenarios.
+        text: YAML that overrides single keys.
+        folders: Folders that may hold files which the scenario names.
+        simulation_duration: Value of that key in seconds; None for that of the scenario.
+
+    Raises:
+        ScenarioError: If the scenario is invalid or cannot be simulated; the message names file,
+            key and value.
+    """
+    scenario = load_scenario(name, file=file, text=text, folders=folders)
+    file = Path(find_scenario(str(name)) if file is None else file)
+    source = str(file) if text is None else f"{file} with {SCENARIO_TEXT}"
+    if simulation_duration is not None:
+        option = "--simulation_duration"
+        check_mapping(option, "", {"simulation_duration": simulation_duration}, Scenario)
+        scenario.simulation_duration = simulation_duration
+        return resolve_scenario(scenario, f"{name or only_name(file)} with {option}")
+    try:
+        return resolve_scenario(scenario, source)
+    except ScenarioError as error:
+        key = f"{name or only_name(file)}.{error.key}"
+        raise ScenarioError(source, key, error.problem) from error.__cause__
 
 
 def dump_scenario(name: str, scenario: Scenario) -> str:

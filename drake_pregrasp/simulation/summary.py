@@ -21,7 +21,6 @@ from drake_pregrasp.contacts.selection_input import (
 from drake_pregrasp.errors import printable
 from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.fast import numba_is_installed
-from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GraspPhase, describe_give_up
 from drake_pregrasp.quality.force_closure import ferrari_canny, min_weight_margin
 from drake_pregrasp.quality.grasp_quality import GraspQuality, characteristic_length, grasp_quality
@@ -30,6 +29,7 @@ from drake_pregrasp.regions.independent_regions import force_closed_share, slip_
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation import run_log
 from drake_pregrasp.simulation.output import replacing, writing
+from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.run_log import GraspLog, RunLog
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.link_contacts import TOUCHED
@@ -47,8 +47,7 @@ MARGINS = (
 
 
 def force_closure_summary(
-    scenario: Scenario,
-    surface: ObjectSurface,
+    resolved: ResolvedScenario,
     *,
     static: TickRecord | None,
     final: TickRecord | None,
@@ -60,14 +59,13 @@ def force_closure_summary(
     `independent_radius` the smallest of `slip_radii_within` the longest lever arm, in metres.
 
     Args:
-        scenario: Simulated scenario, whose key `measures` configures the measures.
-        surface: Surface of the object.
+        resolved: Simulated scenario, whose key `measures` configures the measures.
         static: Record of the tick for the values `static`; None for null values.
         final: Record of the tick for the values `final`; None for null values.
     """
-    measures = scenario.measures
+    measures = resolved.scenario.measures
     model = "hard_finger" if measures.contact_model == "complete" else measures.contact_model
-    columns = [_measure(scenario, surface, model, record) for record in (static, final)]
+    columns = [_measure(resolved, model, record) for record in (static, final)]
     common = {"friction": measures.friction, "contact_model": model}
     return {
         name: {**common, "static": first, "final": last}
@@ -76,10 +74,11 @@ def force_closure_summary(
 
 
 def _measure(
-    scenario: Scenario, surface: ObjectSurface, model: str, record: TickRecord | None
+    resolved: ResolvedScenario, model: str, record: TickRecord | None
 ) -> tuple[float | None, ...]:
     if record is None:
         return (None,) * len(MARGINS)
+    scenario, surface = resolved.scenario, resolved.surface
     measures, friction = scenario.measures, scenario.measures.friction
     cone: dict[str, Any] = {"model": model, "torsional_friction": measures.torsional_friction}
     _, p_OC = record.active_contacts()
@@ -99,7 +98,7 @@ SETTLED = 1.0
 """Start of tracking errors, in seconds; earlier, tips move to their start contacts."""
 
 
-def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
+def summarize_grasp(resolved: ResolvedScenario, log: GraspLog) -> dict[str, Any]:
     """Returns the results of a grasp; null for phases that the hand did not reach.
 
     - `tracking_error_mean_mm`, `tracking_error_max_mm`: distance of the fingertips' centres from
@@ -119,12 +118,14 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
     - `gave_up`: reason why the hand opened again, or null.
     - `palm_from`: unit vector in W from the object towards the palm.
     """
+    scenario = resolved.scenario
     time, phase, reason, detail = log.read("time", "phase", "gave_up", "gave_up_detail")
     if not len(time):
         return {"phase": None, "gave_up": None}
     tips, goals, forces = (log.read_points(kind) for kind in ("tip", "goal", "force"))
     object_poses, table_poses = log.read_pose("wo"), log.read_pose("wd")
-    lead = scenario.grasp.period + scenario.plant_settings.time_step
+    hand = resolved.hand
+    lead = scenario.grasp.period + resolved.plant_config.time_step
     carried = seen_from(log.read_pose("wg"), tips)
     errors = 1e3 * np.linalg.norm(carried - _shifted(time, goals, lead), axis=2)
     tracking = (phase <= GraspPhase.TRACK) & (time > SETTLED)
@@ -154,7 +155,7 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
         "link_forces": {
             touched: float(np.max(log.read(f"link_force_{touched}"))) for touched in TOUCHED
         },
-        "palm_from": scenario.approach.rotation().matrix()[:, 2].tolist(),
+        "palm_from": None if hand is None else hand.X_LA.rotation().matrix()[:, 2].tolist(),
     }
 
 
@@ -197,8 +198,7 @@ def tracking_summary(status: FloatArray, time_since_measurement: FloatArray) -> 
 
 def summarize(
     name: str,
-    scenario: Scenario,
-    surface: ObjectSurface,
+    resolved: ResolvedScenario,
     log: RunLog,
     *,
     wall_seconds: float,
@@ -215,10 +215,11 @@ def summarize(
     Ticks after the object has left the table or is lost for good (`object_fate`) count only for
     `final`.
     """
+    scenario = resolved.scenario
     time, *values = log.read("time", *MEASURES)
     measured = dict(zip(MEASURES, values, strict=True))
     seconds, end = np.array(log.tick_seconds), float(time[-1]) if len(time) else 0.0
-    fate = object_fate(scenario, surface, log)
+    fate = object_fate(resolved, log)
     gone = min((at for at in fate.values() if at is not None), default=np.inf)
     present = slice(run_log.ticks_from(scenario, time, gone))
     final = _measures(measured, slice(-1, None), np.mean)
@@ -235,10 +236,10 @@ def summarize(
         "final": final,
         **fate,
         "contact_model": scenario.measures.contact_model,
-        **force_closure_summary(scenario, surface, static=log.last_static, final=log.last),
-        **_after_damage(scenario, surface, measured, time),
-        **_coordinates(scenario, surface, log.last),
-        "inactive_contacts": inactive_contacts(scenario, log),
+        **force_closure_summary(resolved, static=log.last_static, final=log.last),
+        **_after_damage(resolved, measured, time),
+        **_coordinates(resolved, log.last),
+        "inactive_contacts": inactive_contacts(resolved, log),
         "tracking": tracking_summary(*log.read("tracking_status", "time_since_measurement")),
         "ticks": log.num_rows,
         "simulated_seconds": end,
@@ -249,7 +250,7 @@ def summarize(
     }
 
 
-def object_fate(scenario: Scenario, surface: ObjectSurface, log: RunLog) -> dict[str, float | None]:
+def object_fate(resolved: ResolvedScenario, log: RunLog) -> dict[str, float | None]:
     """Returns the times in seconds at which the object left or was lost; null if never.
 
     - `object_left_at`: first time at which the centre of mass was below the top of the table.
@@ -257,7 +258,8 @@ def object_fate(scenario: Scenario, surface: ObjectSurface, log: RunLog) -> dict
     """
     names = ("time", "tracking_status", *run_log.pose_columns("wo"))
     time, status, _, _, z, qw, qx, qy, qz = log.read(*names)
-    has_table = getattr(scenario.motion, "table", not isinstance(scenario.motion, PoseStream))
+    motion, surface = resolved.scenario.motion, resolved.surface
+    has_table = getattr(motion, "table", not isinstance(motion, PoseStream))
     z_of_R = 2 * np.stack([qx * qz - qw * qy, qy * qz + qw * qx, 0.5 - qx**2 - qy**2])
     left = time[(z + surface.p_OCoM @ z_of_R < 0) & has_table]
     found = np.flatnonzero(status != TrackingStatus.LOST)
@@ -265,47 +267,45 @@ def object_fate(scenario: Scenario, surface: ObjectSurface, log: RunLog) -> dict
     return {"object_left_at": _reduced(np.min, left), "object_lost_at": _reduced(np.min, lost)}
 
 
-def inactive_contacts(scenario: Scenario, log: RunLog) -> dict[str, str]:
+def inactive_contacts(resolved: ResolvedScenario, log: RunLog) -> dict[str, str]:
     """Returns the reasons why remaining contacts are inactive at the last tick, by index."""
     if log.last is None:
         return {}
     status, causes = log.last.contact_status, log.last.contact_causes
     return {
-        str(contact): describe_status(status[contact], causes[contact], scenario.obstacle_names)
+        str(contact): describe_status(status[contact], causes[contact], resolved.obstacle_names)
         for contact in np.flatnonzero(~is_active(status) & (status != ContactStatus.LOST))
     }
 
 
 def _after_damage(
-    scenario: Scenario, surface: ObjectSurface, measured: dict[str, FloatArray], time: FloatArray
+    resolved: ResolvedScenario, measured: dict[str, FloatArray], time: FloatArray
 ) -> dict[str, Any]:
     """Returns the best measures after the last loss or return of a finger, and static ones.
 
     The static measures are those of the initial contacts that are not lost then.
     """
-    if not scenario.damage:
+    if not resolved.scenario.damage:
         return {}
-    quality = remaining_static_quality(scenario, surface)
+    quality = remaining_static_quality(resolved)
     static = {name: getattr(quality, name) for name in MEASURES}
-    best = _measures(measured, run_log.last_phase(scenario, time), np.max)
+    best = _measures(measured, run_log.last_phase(resolved.scenario, time), np.max)
     return {"after_damage": {"static": static, "max": best}}
 
 
-def remaining_static_quality(scenario: Scenario, surface: ObjectSurface) -> GraspQuality:
+def remaining_static_quality(resolved: ResolvedScenario) -> GraspQuality:
     """Returns the measures of the active initial contacts that are not lost at the end."""
-    p_OC = scenario.initial_p_OC(surface)
+    p_OC, surface = resolved.start.p_OC, resolved.surface
     weights = np.full(len(p_OC), -np.inf)
-    weights[scenario.remaining_contacts()] = 0.0
+    weights[resolved.remaining_contacts()] = 0.0
     regions = compute_safe_regions(surface.p_OQ, p_OC, weights, surface.forbidden)
     held = hold_contacts(SelectionInput(surface, p_OC, regions, np.eye(3)))
     return grasp_quality(p_OC[held.active] - surface.p_OCoM)
 
 
-def _coordinates(
-    scenario: Scenario, surface: ObjectSurface, final: TickRecord | None
-) -> dict[str, Any]:
+def _coordinates(resolved: ResolvedScenario, final: TickRecord | None) -> dict[str, Any]:
     """Returns what fingers offer, and what their last goals demand, for further coordinates."""
-    axes = scenario.planner.coordinates
+    axes, surface = resolved.planner.coordinates, resolved.surface
     if final is None or not axes:
         return {}
     nearest = surface.nearest_candidates((final.X_WO_estimated.inverse() @ final.p_WC.T).T)

@@ -13,8 +13,8 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
-from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.simulation.scenario_file import load_scenario, shipped_scenarios
+from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
+from drake_pregrasp.simulation.scenario_file import load_resolved, shipped_scenarios
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.studies import study_options
 from drake_pregrasp.studies.filter_consistency import FILTERS, consistency_table, run_filter
@@ -151,19 +151,17 @@ def run_faults(job: FaultJob, text: str | None = None) -> dict[str, float]:
         job: The scenario and the seed.
         text: YAML that overrides single keys of the scenario.
     """
-    scenario = load_scenario(job.scenario, text=text)
+    resolved = load_resolved(job.scenario, text=text)
+    scenario = resolved.scenario
     scenario.random_seed = job.seed
-    surface = scenario.make_surface()
     records: list[TickRecord] = []
-    simulator = Simulator(make_diagram(scenario, surface, sink=records.append))
+    simulator = Simulator(make_diagram(resolved, sink=records.append))
     ApplySimulatorConfig(scenario.simulator_config, simulator)
     simulator.AdvanceTo(scenario.simulation_duration)
-    return summarize_faults(scenario, surface, records)
+    return summarize_faults(resolved, records)
 
 
-def summarize_faults(
-    scenario: Scenario, surface: ObjectSurface, records: list[TickRecord]
-) -> dict[str, float]:
+def summarize_faults(resolved: ResolvedScenario, records: list[TickRecord]) -> dict[str, float]:
     """Summarizes a run from the records of its ticks.
 
     Returns:
@@ -175,6 +173,7 @@ def summarize_faults(
             standard deviations of the sensor; inf if they never did.
         `tracked`, `lost`: Shares of the ticks during the faults with that tracking status.
     """
+    scenario, surface = resolved.scenario, resolved.surface
     faults, sensor = scenario.sensor.faults, scenario.sensor
     time = np.array([record.time for record in records])
     slack = scenario.planner.period / 2  # Times of ticks are rounded.

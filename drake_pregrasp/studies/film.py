@@ -13,10 +13,9 @@ from drake_pregrasp.config.hand_description import Arm
 from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
-from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.output import make_folder, writing
 from drake_pregrasp.simulation.recording import CameraView, camera_view, make_timeline
-from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.studies import pictures
 from drake_pregrasp.studies.pictures import ByteArray, Light
@@ -47,37 +46,37 @@ class SceneCamera:
     With a hand, the camera moves with the object. Otherwise it is that of a recording.
 
     Args:
-        scenario: Scenario to simulate.
+        resolved: Scenario to simulate.
         timeline: Timeline that the simulation adds to; by default one that nobody reads.
 
     Attributes:
         records: Records of all control ticks so far.
     """
 
-    def __init__(self, scenario: Scenario, timeline: RunTimeline | None = None) -> None:
+    def __init__(self, resolved: ResolvedScenario, timeline: RunTimeline | None = None) -> None:
         self.records: list[GraspRecord] = []
-        self._scenario = scenario
-        told = timeline or make_timeline(scenario, "")
-        self._surface, self._drawn = scenario.make_surface(), list[GeometryId]()
+        self._resolved, hand = resolved, resolved.hand
+        told = timeline or make_timeline(resolved, "")
+        self._surface, self._drawn = resolved.surface, list[GeometryId]()
 
         def add_record(record: GraspRecord) -> None:
             self.records.append(record)
             told.add_grasp(record)
 
-        diagram = make_diagram(scenario, self._surface, sink=told.add_tick, grasp_sink=add_record)
+        diagram = make_diagram(resolved, sink=told.add_tick, grasp_sink=add_record)
         self._station: HandStation | ObjectPlant = diagram.GetSubsystemByName("object_plant")
         self._planner: PregraspPlanner = diagram.GetSubsystemByName("pregrasp_planner")
-        lights = _LIGHTS if scenario.grasp.has_hand else _EVEN_LIGHTS
+        lights = _EVEN_LIGHTS if hand is None else _LIGHTS
         self._station.scene_graph.AddRenderer(
             pictures.RENDERER, pictures.lit_renderer(lights, _BACKGROUND)
         )
-        if scenario.grasp.has_hand:
-            has_arm = isinstance(load_hand(scenario.grasp.hand).base, Arm)
+        if hand is not None:
+            has_arm = isinstance(hand.description.base, Arm)
             p_TK_W, share = _FROM_ARM if has_arm else _FROM_HAND, np.array([1.0, 1.0, 0.0])
             self._camera = _CAMERA
             self._view = CameraView(_ABOVE + p_TK_W, _ABOVE, share, np.zeros(3))
         else:
-            self._camera, self._view = _WIDE_CAMERA, camera_view(scenario)
+            self._camera, self._view = _WIDE_CAMERA, camera_view(resolved)
         self._simulator = Simulator(diagram)
 
     def advance(self, time: float) -> None:
@@ -112,14 +111,14 @@ class SceneCamera:
         hold = planner.GetInputPort("hold_contacts")
         is_held = hold.HasValue(context) and hold.Eval(context)[0] > 0
         active = [] if is_held else np.flatnonzero(status > 0).tolist()
-        X_OW, ahead = X_WO.inverse(), self._scenario.planner.estimator.lookahead
+        X_OW, ahead = X_WO.inverse(), self._resolved.planner.estimator.lookahead
         p_OC = (X_OW @ p_WC[active].T).T
         drawn = pictures.goal_geometry(self._surface, regions.labels, p_OC, active)
         X_WE: RigidTransform = planner.GetOutputPort("X_WO_estimated").Eval(context)
         if are_apart(X_WE, X_WO):
             mesh = pictures.drawn_mesh(self._surface.mesh.triangles)
             drawn.append(pictures.coloured(X_OW @ X_WE, mesh, GHOST_COLOR, "estimate"))
-        for index, volume in enumerate(self._scenario.no_touch_volumes):
+        for index, volume in enumerate(self._resolved.no_touch_volumes):
             shape, X_WS = drawn_solid(volume.at(context.get_time() + ahead))
             drawn.append(pictures.coloured(X_OW @ X_WS, shape, VOLUME_COLOR, f"volume_{index}"))
         scene = self._station.scene_graph
@@ -133,13 +132,13 @@ class SceneCamera:
         ]
 
 
-def film_scenario(scenario: Scenario, name: str, out: Path) -> Path:
+def film_scenario(resolved: ResolvedScenario, name: str, out: Path) -> Path:
     """Writes the animated picture `out/NAME.webp` of a scenario, and returns its path.
 
     Like a recording, it has the run's timeline beside the scene, and is slow at events.
 
     Args:
-        scenario: Checked scenario to simulate.
+        resolved: Scenario to simulate.
         name: Name of the scenario, for the title and the file.
         out: Folder of the picture.
 
@@ -147,14 +146,15 @@ def film_scenario(scenario: Scenario, name: str, out: Path) -> Path:
         OutputError: If the picture cannot be written.
     """
     make_folder(out)
-    rehearsal = make_timeline(scenario, name)
-    SceneCamera(scenario, rehearsal).advance(scenario.simulation_duration)
-    timeline = make_timeline(scenario, name)
-    camera = SceneCamera(scenario, timeline)
+    duration = resolved.scenario.simulation_duration
+    rehearsal = make_timeline(resolved, name)
+    SceneCamera(resolved, rehearsal).advance(duration)
+    timeline = make_timeline(resolved, name)
+    camera = SceneCamera(resolved, timeline)
     events = [time for time, _ in rehearsal.data()["events"] if time > 0]
     frames = [
         _with_timeline(camera.picture_at(time), timeline)
-        for time in _picture_times(scenario.simulation_duration, events)
+        for time in _picture_times(duration, events)
     ]
     return write_film(out / f"{name}.webp", frames)
 

@@ -11,12 +11,11 @@ import numpy as np
 from PIL import Image
 
 from drake_pregrasp.contacts.selection_input import ContactStatus, describe_status
-from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GraspPhase
 from drake_pregrasp.simulation.output import make_folder, writing
+from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.run import run
-from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.simulation.scenario_file import load_scenario, shipped_scenarios
+from drake_pregrasp.simulation.scenario_file import load_resolved, shipped_scenarios
 from drake_pregrasp.studies.film import SceneCamera, write_film
 from drake_pregrasp.studies.pictures import ByteArray, render_goals
 from drake_pregrasp.studies.report_page import Heading, Part, write_report
@@ -70,12 +69,12 @@ def make_gallery(out: str | Path, *, on_progress: OnProgress = lambda done, tota
 
 def _draw(job: Mapping[str, str], folder: Path) -> dict[str, Any]:
     name, records = job["name"], list[TickRecord]()
-    scenario = load_scenario(name)
+    resolved = load_resolved(name)
     with TemporaryDirectory() as runs:
-        result = run(scenario, name=name, out=runs, recording=False, on_tick=records.append)
-    surface, summary = scenario.make_surface(), result.summary
+        result = run(resolved, name=name, out=runs, recording=False, on_tick=records.append)
+    summary = result.summary
     shown = [records[round(share * (len(records) - 1))] for share in MOMENTS]
-    frames = [_frame(scenario, surface, record) for record in shown]
+    frames = [_frame(resolved, record) for record in shown]
     with writing(folder):
         picture = Image.fromarray(np.concatenate(frames, axis=1))
         picture.save(folder / f"{name}.png", optimize=True)
@@ -83,22 +82,22 @@ def _draw(job: Mapping[str, str], folder: Path) -> dict[str, Any]:
     text = "Q_MSV " if static is None else f"Q_MSV {static:.4f} static, "
     text += f"{summary['final']['q_msv']:.4f} at the end;"
     text += f" force-closure margin {summary['force_closure_margin']['final']:.2f} at the end."
-    limits = "; ".join(describe_limits(records, scenario.obstacle_names))
+    limits = "; ".join(describe_limits(records, resolved.obstacle_names))
     return {"text": f"{text} Limited: {limits}." if limits else text}
 
 
-def _frame(scenario: Scenario, surface: ObjectSurface, record: TickRecord) -> ByteArray:
+def _frame(resolved: ResolvedScenario, record: TickRecord) -> ByteArray:
     """Returns the picture of a tick."""
     X_OW = record.X_WO_estimated.inverse()
     R_OW, p_OW = X_OW.rotation().matrix(), X_OW.translation()
     contacts, p_OC = record.active_contacts()
     bodies, volumes = (
         [moving.at(record.time).moved(R_OW, p_OW) for moving in obstacles]
-        for obstacles in (scenario.obstacle_bodies, scenario.no_touch_volumes)
+        for obstacles in (resolved.obstacle_bodies, resolved.no_touch_volumes)
     )
     along = R_OW @ [np.cos(VIEW_YAW), np.sin(VIEW_YAW), 0.0]
     return render_goals(
-        surface,
+        resolved.surface,
         record.regions.labels,
         p_OC,
         contacts.tolist(),
@@ -152,7 +151,7 @@ def picture_grasps(out: str | Path, *, on_progress: OnProgress = lambda done, to
     hands = {
         name: text for name, (file, text) in shipped_scenarios().items() if file.stem == "hands"
     }
-    scenarios = {name: load_scenario(name) for name in hands}  # Fails before any picture is made.
+    scenarios = {name: load_resolved(name) for name in hands}  # Fails before any picture is made.
     parts: list[Part] = ["`drake-pregrasp study grasps` makes these pictures."]
     for done, (name, scenario) in enumerate(scenarios.items()):
         on_progress(done, len(hands))
@@ -185,10 +184,10 @@ class Film(NamedTuple):
         return np.concatenate([self.frames[0], *others], axis=1)
 
 
-def film_grasp(scenario: Scenario) -> Film:
+def film_grasp(resolved: ResolvedScenario) -> Film:
     """Simulates a scenario with a hand, and returns its film."""
-    camera, film = SceneCamera(scenario), Film([], [])
-    for time in np.arange(0.0, scenario.simulation_duration + FRAME_TIME / 2, FRAME_TIME):
+    camera, film = SceneCamera(resolved), Film([], [])
+    for time in np.arange(0.0, resolved.scenario.simulation_duration + FRAME_TIME / 2, FRAME_TIME):
         film.frames.append(camera.picture_at(time))
         film.phases.append(camera.records[-1].report[0])
     return film

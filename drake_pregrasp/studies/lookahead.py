@@ -233,7 +233,7 @@ def run_lookahead(scenario: Scenario) -> LookaheadRun:
         covariances.append(covariance.Eval(context).reshape(3, 3).copy())
         records.append(record)
 
-    diagram = make_diagram(scenario, scenario.make_surface(), sink=add)
+    diagram = make_diagram(scenario, sink=add)
     planner = diagram.GetSubsystemByName("pregrasp_planner")
     covariance = planner.GetOutputPort("p_WO_covariance")
     simulator = Simulator(diagram)

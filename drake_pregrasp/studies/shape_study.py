@@ -16,9 +16,9 @@ from drake_pregrasp.quality.force_closure import min_weight_margin
 from drake_pregrasp.quality.grasp_quality import grasp_quality
 from drake_pregrasp.regions.constraints import OPPOSITE
 from drake_pregrasp.simulation.output import make_folder
+from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.run import run
-from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.simulation.scenario_file import load_scenario
+from drake_pregrasp.simulation.scenario_file import load_resolved
 from drake_pregrasp.studies.report_page import Part, Table, write_report
 from drake_pregrasp.studies.runner import OnProgress, run_jobs
 from drake_pregrasp.systems.loggers import TickRecord
@@ -106,19 +106,18 @@ def run_shape(job: Mapping[str, Any], *, duration: float) -> dict[str, float]:
     text = f"simulation_duration: {duration}\nrandom_seed: {seed}\nsurface: {{seed: {seed}}}\n"
     with TemporaryDirectory() as folder:
         if shape in SHIPPED:
-            scenario = load_scenario(shape, text=text)
+            resolved = load_resolved(shape, text=text)
         else:
             file = Path(folder) / f"{shape}.stl"
             unseen_meshes()[shape].export(file)
             text += f"object: !Mesh {{file: {file}, mass: 0.3}}\n"  # Other keys: the can's.
-            scenario = load_scenario("can", text=text, folders=[Path(folder)])
-        run(scenario, name=shape, out=folder, recording=False, on_tick=records.append)
-        return _row(scenario, scenario.make_surface(), records)
+            resolved = load_resolved("can", text=text, folders=[Path(folder)])
+        run(resolved, name=shape, out=folder, recording=False, on_tick=records.append)
+        return _row(resolved, records)
 
 
-def _row(
-    scenario: Scenario, surface: ObjectSurface, records: Sequence[TickRecord]
-) -> dict[str, float]:
+def _row(resolved: ResolvedScenario, records: Sequence[TickRecord]) -> dict[str, float]:
+    scenario, surface = resolved.scenario, resolved.surface
     tip_radii = np.array(scenario.planner.limits.tip_radii)
     off_mesh, counts = 0.0, np.zeros(3, dtype=int)
     last_normals: dict[int, FloatArray] = {}

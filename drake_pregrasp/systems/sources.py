@@ -10,7 +10,14 @@ from pydrake.geometry import FrameId, FramePoseVector
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.tree import BodyIndex
 from pydrake.polynomial import Polynomial
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, DiscreteValues, LeafSystem
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    Diagram,
+    DiagramBuilder,
+    DiscreteValues,
+    LeafSystem,
+)
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 from scipy.spatial.distance import pdist
@@ -205,6 +212,39 @@ class ContactWeights(LeafSystem):
             distances = pdist(self._p_WC.Eval(context).reshape(-1, 3)[capability > 0])
             length = float(distances.min()) if len(distances) else 0.0
         return weights + capability_weights(capability, length)
+
+
+class CloseCommand(LeafSystem):
+    """Commands a hand to close from a time on.
+
+    .. pydrake_system::
+
+        name: CloseCommand
+        output_ports:
+        - close
+
+    Port `close` emits a vector of 1: 0 before the time, 1 from it on.
+
+    The time is a parameter of the Context, in seconds, so that a study can grasp at several times
+    with one diagram (`set_time`).
+
+    Args:
+        time: Default time, in seconds.
+    """
+
+    def __init__(self, time: float) -> None:
+        super().__init__()
+        self._time = self.DeclareNumericParameter(BasicVector([time]))
+        sources = (self.time_ticket(), self.all_parameters_ticket())
+        declare_output(self, "close", 1, self._calc_close, *sources)
+
+    def set_time(self, context: Context, time: float) -> None:
+        """Sets the time in seconds from which the hand closes, in a Context of this system."""
+        context.get_mutable_numeric_parameter(self._time).SetFromVector([time])
+
+    def _calc_close(self, context: Context) -> float:
+        # A tick's time may be rounded down.
+        return float(context.get_time() >= context.get_numeric_parameter(self._time)[0] - 1e-9)
 
 
 class HandPose(LeafSystem):

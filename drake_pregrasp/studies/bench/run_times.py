@@ -17,7 +17,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventSta
 from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.simulation.run import LoggedRun
 from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.simulation.scenario_file import load_scenario
+from drake_pregrasp.simulation.scenario_file import load_scenario, resolve
 from drake_pregrasp.studies.bench.tick_times import chosen, implementations, tick_columns
 
 _TURN, _WARM_UP = 20, 3  # Planning ticks of a turn, and its first ones, which do not count.
@@ -83,7 +83,7 @@ class _TimedRun:
     """Simulation of a scenario that logs as a run does, and advances tick by tick."""
 
     def __init__(self, scenario: Scenario, folder: Path, stack: ExitStack) -> None:
-        logged = LoggedRun(scenario, folder)
+        logged = LoggedRun(resolve(scenario), folder)
         for log in filter(None, (logged.log, logged.grasp_log)):
             stack.enter_context(log)
         builder, self._period = DiagramBuilder(), scenario.planner.period

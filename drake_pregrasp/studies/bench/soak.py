@@ -55,7 +55,7 @@ def soak(
         measures = (quality.q_msv, quality.q_gii, quality.q_vew)
         total[:] += np.array([1, *measures, np.linalg.norm(error), active])
 
-    simulator = Simulator(make_diagram(config, config.make_surface(), sink=add))
+    simulator = Simulator(make_diagram(config, sink=add))
     ApplySimulatorConfig(config.simulator_config, simulator)
     simulator.Initialize()  # The tick at time zero is of no hour.
     found = []

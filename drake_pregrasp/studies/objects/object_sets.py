@@ -16,7 +16,7 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.random_objects import MASS, NUM_OBJECTS, check_installed, object_url
 from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.resources import MODELS_URL, resource_folder
-from drake_pregrasp.simulation.hand_file import load_hand_model
+from drake_pregrasp.simulation.hand_file import load_hand, made_hand
 
 FIT_IN_WORDS = (
     "An object fits a hand if some horizontal width of it is between the least and the largest"
@@ -126,7 +126,7 @@ def drawn_objects(name: str, hand: str, count: int, seed: int, pool: range) -> l
     Raises:
         InvalidArgumentError: If the objects or the hand are not installed.
     """
-    objects, limits = list(SETS[name]().items()), opening(load_hand_model(hand_file(hand)))
+    objects, limits = list(SETS[name]().items()), opening(made_hand(load_hand(hand_file(hand))))
     indices = np.array([k for k in pool if k < len(objects)], dtype=int)
     order = np.random.default_rng(seed).permutation(indices).tolist()
     fitting = (objects[k][0] for k in order if _is_accepted(objects[k][1], limits))

@@ -9,15 +9,13 @@ import numpy as np
 
 from drake_pregrasp.config.grasp_config import SIDE
 from drake_pregrasp.config.object_config import Conveyor
-from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import NoGraspError, PregraspError, ScenarioError, one_line
-from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.simulation.scenario import Scenario, start_contacts
-from drake_pregrasp.simulation.scenario_check import validate
+from drake_pregrasp.simulation.hand_file import HandFile
+from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario, resolve_scenario
+from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.studies.objects import object_sets
 from drake_pregrasp.studies.static_versus_dynamic import trial
-from drake_pregrasp.studies.static_versus_dynamic.conditions import Start
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import Outcome
 from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS
 
@@ -62,7 +60,7 @@ def base_scenario(text: str) -> Scenario:
     return load_scenario("trial", file=Path(__file__).with_name("objects.yaml"), text=text)
 
 
-def make_scenario(job: ObjectJob) -> Scenario:
+def make_scenario(job: ObjectJob) -> ResolvedScenario:
     """Returns the scenario of a trial.
 
     The palm comes from above, or from the side if there is no grasp from above.
@@ -76,21 +74,20 @@ def make_scenario(job: ObjectJob) -> Scenario:
         base,
         object=object_sets.SETS[job.set]()[job.object],
         motion=Conveyor(1e-3 * job.speed, TURN_PER_SPEED * job.speed, yaw=float(yaw)),
-        grasp=replace(base.grasp, hand=hand),
+        hand=HandFile(hand),
+        random_seed=job.seed,
     )
     source = f"{job.set} {job.object}"
     try:
-        validate(scenario, source)
+        return resolve_scenario(scenario, source)
     except ScenarioError as error:
         if not isinstance(error.__cause__, NoGraspError):
             raise
         from_side = replace(scenario, grasp=replace(scenario.grasp, approaches=[SIDE]))
         try:
-            validate(from_side, source)
+            return resolve_scenario(from_side, source)
         except ScenarioError:
             raise error from error.__cause__
-        return from_side
-    return scenario
 
 
 def make_trial(job: ObjectJob) -> trial.Trial:
@@ -99,15 +96,11 @@ def make_trial(job: ObjectJob) -> trial.Trial:
     Raises:
         PregraspError: If the hand cannot grasp the object there.
     """
-    method = METHODS[job.method]
-
-    def start_of(scenario: Scenario, surface: ObjectSurface, hand: HandModel) -> Start:
-        start = start_contacts(scenario, surface)
-        plans = not (method.is_stationary or method.is_reactive)
-        away = np.flatnonzero(~start.has_contact).tolist() if plans else []
-        return Start(start.p_OC, start.yaw, np.zeros(3), [(0.0, away)], job.seed)
-
-    return trial.Trial(make_scenario(job), method, start_of)
+    resolved, method = make_scenario(job), METHODS[job.method]
+    if method.is_stationary or method.is_reactive:  # These choose contacts for all fingers.
+        everywhere = np.ones(resolved.num_contacts, dtype=bool)
+        resolved = replace(resolved, start=replace(resolved.start, has_contact=everywhere))
+    return trial.Trial(resolved, method, np.zeros(3))
 
 
 def run_trial(job: ObjectJob) -> Mapping[str, Any]:
@@ -120,5 +113,5 @@ def run_trial(job: ObjectJob) -> Mapping[str, Any]:
         cause = f"{REFUSED}: {lack}" if lack else REFUSED
         refused = {"lifted": False, "level": False, "gave_up": one_line(error), "cause": cause}
         return nothing | refused | {"held": False}
-    (outcome,) = made.outcomes([made.scenario.grasp.close_at])
+    (outcome,) = made.outcomes([made.resolved.scenario.grasp.close_at])
     return asdict(outcome) | {"held": outcome.lifted}

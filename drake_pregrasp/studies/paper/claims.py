@@ -12,6 +12,7 @@ from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.grasp_quality import grasp_quality
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.scenario_file import resolve
 from drake_pregrasp.studies.paper.paper_cases import SCENARIOS, SPACINGS, TABLE_2, TABLE_3
 from drake_pregrasp.systems.run_timeline import MEASURES
 
@@ -197,8 +198,9 @@ def discretisation_costs(scenario: Scenario, *, starts: int = 20, ticks: int = 1
         starts: Number of random initial contact sets.
         ticks: Number of ticks from each initial set.
     """
-    fine = scenario.make_surface(REFERENCE_SPACING)
-    coarse = [scenario.make_surface(spacing) for spacing in SPACINGS]
+    resolved = resolve(scenario)
+    fine = resolved.sampled_surface(REFERENCE_SPACING)
+    coarse = [resolved.sampled_surface(spacing) for spacing in SPACINGS]
     half = fine.mesh.extents / 2
     covariance = scenario.planner.position_spread**2 * np.eye(3)
     costs = np.zeros((starts, len(SPACINGS)))

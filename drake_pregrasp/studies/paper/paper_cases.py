@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.simulation.run import run
 from drake_pregrasp.simulation.run_log import last_phase, static_phase, ticks_from
-from drake_pregrasp.simulation.scenario_file import load_scenario, read_mapping
+from drake_pregrasp.simulation.scenario_file import load_resolved, load_scenario, read_mapping
 from drake_pregrasp.simulation.summary import remaining_static_quality
 from drake_pregrasp.studies.runner import OnProgress, run_jobs
 from drake_pregrasp.systems.run_timeline import MEASURES
@@ -122,7 +122,8 @@ class CaseLog:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.scenario = load_scenario(file=folder / "scenario.yaml")
+        self.resolved = load_resolved(file=folder / "scenario.yaml")
+        self.scenario = self.resolved.scenario
         self.table = pd.DataFrame(np.genfromtxt(folder / "log.csv", delimiter=",", names=True))
         time = self.table["time"].to_numpy()
         self.static = static_phase(self.scenario, time)
@@ -133,7 +134,7 @@ class CaseLog:
     def active(self, tick: int) -> list[int]:
         """Returns the indices of the active contacts at a tick."""
         row = self.table.iloc[tick]
-        return [i for i in range(self.scenario.num_contacts) if row[f"c{i}_active"]]
+        return [i for i in range(self.resolved.num_contacts) if row[f"c{i}_active"]]
 
     def p_OC(self, tick: int) -> FloatArray:
         """Returns the active contacts' goals at a tick, in the estimated O, shape (k, 3), in m."""
@@ -154,7 +155,7 @@ def run_values(log: CaseLog) -> dict[str, float]:
     """
     quality = None
     if log.scenario.damage:
-        quality = remaining_static_quality(log.scenario, log.scenario.make_surface())
+        quality = remaining_static_quality(log.resolved)
     values: dict[str, float] = {}
     for name in MEASURES:
         column = log.table[name].to_numpy()
@@ -167,7 +168,7 @@ def run_values(log: CaseLog) -> dict[str, float]:
             f"settled {name}": float(np.mean(column[log.settled])),
             f"later {name}": float(np.max(column[log.settled])),
         }
-    half, p_OC = log.scenario.object.make_shape().mesh.extents / 2, log.p_OC(-1)
+    half, p_OC = log.resolved.shape.mesh.extents / 2, log.p_OC(-1)
     axes = np.argmax(np.abs(p_OC / half), axis=1)
     signs = np.sign(np.take_along_axis(p_OC, axes[:, None], axis=1))[:, 0]
     to_edges = np.sort(half - np.abs(p_OC), axis=1)[:, 1]  # [:, 0]: to the contact's own face.

@@ -15,6 +15,7 @@ from drake_pregrasp.contacts.strategies import make_strategy
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.safe_regions import NO_REGION, compute_safe_regions
 from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.scenario_file import resolve
 from drake_pregrasp.studies.paper.paper_cases import CaseLog
 from drake_pregrasp.studies.pictures import ByteArray, render_goals
 
@@ -43,8 +44,8 @@ def figure_2c(scenario: Scenario, contact: int) -> Figure:
         scenario: Scenario with the object, the surface and the initial contacts.
         contact: Index of the contact whose region is shown.
     """
-    surface = scenario.make_surface(0.0025)
-    p_OC = scenario.initial_p_OC(surface)
+    resolved = resolve(scenario)
+    surface, p_OC = resolved.sampled_surface(0.0025), resolved.start.p_OC
     regions = compute_safe_regions(surface.p_OQ, p_OC, np.zeros(len(p_OC)), surface.forbidden)
     covariance = scenario.planner.position_spread**2 * np.eye(3)
     selection = SelectionInput(surface, p_OC, regions, covariance)
@@ -107,7 +108,7 @@ def figure_4(logs: Mapping[str, CaseLog]) -> Figure:
     figure = Figure(figsize=(10, 2.1 * rows + 0.8), layout="constrained")
     axes = figure.subplots(rows, 2, sharex=True, sharey=True, squeeze=False)
     for axis, (case, log) in zip(axes.flat, logs.items(), strict=False):
-        n = log.table[[f"c{i}_active" for i in range(log.scenario.num_contacts)]].sum(axis=1)
+        n = log.table[[f"c{i}_active" for i in range(log.resolved.num_contacts)]].sum(axis=1)
         for name, label, color, scale in (
             ("q_msv", r"$Q_{MSV}/\sqrt{n}$", "black", n**0.5),
             ("q_gii", r"$Q_{GII}$", _BLUE, 1.0),
@@ -152,7 +153,7 @@ def figure_5(a: CaseLog, f: CaseLog, j: CaseLog) -> Figure:
 
 
 def _picture(log: CaseLog, tick: int, yaw: float) -> ByteArray:
-    surface, p_OC, contacts = log.scenario.make_surface(), log.p_OC(tick), log.active(tick)
+    surface, p_OC, contacts = log.resolved.surface, log.p_OC(tick), log.active(tick)
     regions = compute_safe_regions(surface.p_OQ, p_OC, np.zeros(len(p_OC)), surface.forbidden)
     # Labels of regions index the active contacts, those of the picture all contacts.
     labels = np.append(contacts, NO_REGION)[regions.labels]

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
@@ -137,15 +137,15 @@ class StationaryHand(_GoalsWithoutPlanner):
         - X_WO_estimated
         - contact_weights
         - obstacles
-        - close
         output_ports:
         - fingertip_targets
         - contact_status
 
-    The ports are those of `PregraspPlanner`, except `close`, the command to close. Fingers wait on
-    a ring around the object, which translates with the object but does not turn. After the command,
-    their goals are where horizontal rays to the object's middle meet its surface. A finger is
-    inactive if it is lost, if its ray meets nothing, or if the planner's limits forbid its contact.
+    The ports are those of `PregraspPlanner`. Fingers wait on a ring around the object, which
+    translates with the object but does not turn. From a time on, a parameter of the Context
+    (`set_time`), their goals are where horizontal rays to the object's middle meet its surface. A
+    finger is inactive if it is lost, if its ray meets nothing, or if the planner's limits forbid
+    its contact.
 
     Args:
         tip_frames: Scoped names of the fingertips' frames.
@@ -167,8 +167,12 @@ class StationaryHand(_GoalsWithoutPlanner):
         radius = max(limits.tip_radii)
         ring = max(_RING_RADIUS, target.radius + radius + limits.clearance)
         self._goal_radius = ring - (limits.standoff + radius)
-        self._close = self.DeclareVectorInputPort("close", 1)
+        self._time = self.DeclareNumericParameter(BasicVector([np.inf]))
         declare_goals(self, tip_frames, self._targets, self._status)
+
+    def set_time(self, context: Context, time: float) -> None:
+        """Sets the time in seconds from which goals are on the object, in its Context."""
+        context.get_mutable_numeric_parameter(self._time).SetFromVector([time])
 
     def _contacts(self, context: Context) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Returns what the rays meet, the outward normals there, both in W, and which meet any."""
@@ -178,7 +182,7 @@ class StationaryHand(_GoalsWithoutPlanner):
         return X_WO.translation() + p_OC @ R_WO.T, normals @ R_WO.T, met
 
     def _targets(self, context: Context) -> Mapping[int, RigidTransform]:
-        if self._close.Eval(context)[0] >= 1:
+        if context.get_time() >= context.get_numeric_parameter(self._time)[0] - 1e-9:
             points, normals, met = self._contacts(context)
             fingers = np.flatnonzero(met)
             return _goals_at(fingers.tolist(), points[fingers], normals[fingers])

@@ -75,7 +75,7 @@ def write_comparison(
             own = rows[rows["condition"] == key]
             parts += [
                 Heading(f"Condition: {CONDITIONS[key].label}"),
-                f"{CONDITIONS[key].scenario.description.capitalize()}.",
+                f"{CONDITIONS[key].scenario.scenario.description.capitalize()}.",
                 outcome_table(own),
                 reason_table(own),
                 paired_test_table(tests[tests["condition"] == key]),

@@ -1,7 +1,7 @@
 """Conditions of the study, with scenarios from `conditions.yaml`, and starts of trials."""
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -9,13 +9,13 @@ import numpy as np
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.assignment import assign_fingers_round
-from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.contacts.start_contacts import StartContacts
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.solids import Solid
-from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation.obstacle_config import moving_solid
+from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.simulation.scenario_file import load_scenario
+from drake_pregrasp.simulation.scenario_file import load_resolved
 from drake_pregrasp.systems.sources import MovingSolid
 
 _LEAST_DISTANCE = 0.024  # Least distance between random contacts, in metres.
@@ -39,9 +39,9 @@ class Condition:
     closing_times: tuple[float, ...]
 
     @functools.cached_property
-    def scenario(self) -> Scenario:
+    def scenario(self) -> ResolvedScenario:
         """Scenario with object, motion, sensor noise, hand, obstacles and lost fingers."""
-        return load_scenario(self.key, file=Path(__file__).with_name("conditions.yaml"))
+        return load_resolved(self.key, file=Path(__file__).with_name("conditions.yaml"))
 
 
 def area(scenario: Scenario) -> list[MovingSolid]:
@@ -75,24 +75,16 @@ class Start(NamedTuple):
     """Start of a trial, the same for all methods.
 
     Attributes:
-        p_OC: Contacts in the order of the fingers, in O, shape (n, 3), in metres.
-        yaw: Angle of the palm for the contacts, in radians.
+        resolved: Scenario with random start contacts, lost fingers and seed of the noise.
         misplacement: Offset of the object on the table, shape (3,): x and y in metres, angle about
             z in radians.
-        losses: Times of losses in seconds, each with the indices of the lost fingers.
-        noise_seed: Seed of the measurement noise.
     """
 
-    p_OC: FloatArray
-    yaw: float
+    resolved: ResolvedScenario
     misplacement: FloatArray
-    losses: list[tuple[float, list[int]]]
-    noise_seed: int
 
 
-def random_start(
-    scenario: Scenario, surface: ObjectSurface, hand: HandModel, *, seed: int
-) -> Start:
+def random_start(resolved: ResolvedScenario, *, seed: int) -> Start:
     """Returns the start of the trials with a seed.
 
     Contacts are drawn on the surface, apart from each other and at a middle height, until the
@@ -100,17 +92,17 @@ def random_start(
     selects them.
 
     Args:
-        scenario: Scenario of the trial.
-        surface: Surface of the object.
-        hand: Model of the hand.
+        resolved: Scenario of the condition.
         seed: Seed of all random values of the trial.
     """
+    scenario, surface, hand = resolved.scenario, resolved.surface, resolved.hand
+    assert hand is not None
     n = len(hand.azimuths)
     rng = np.random.default_rng([seed, n])
     misplacement = rng.normal(size=3) * _MISPLACEMENT_STD
     fingers = rng.permutation(n).tolist()
-    losses = [(event.at, fingers[: len(event.contacts)]) for event in scenario.damage]
-    noise_seed = int(rng.integers(2**31))
+    damage = [replace(e, contacts=fingers[: len(e.contacts)]) for e in scenario.damage]
+    scenario = replace(scenario, damage=damage, random_seed=int(rng.integers(2**31)))
     low, high = _HEIGHTS
     choices = surface.p_OQ[(surface.p_OQ[:, 2] >= low) & (surface.p_OQ[:, 2] <= high)]
     while True:
@@ -127,4 +119,6 @@ def random_start(
             )
         except InvalidArgumentError:
             continue
-        return Start(p_OC[order], yaw, misplacement, losses, noise_seed)
+        everywhere = np.ones(n, dtype=bool)
+        start = StartContacts(p_OC[order], everywhere, yaw, np.nan, np.nan)
+        return Start(replace(resolved, scenario=scenario, start=start), misplacement)

@@ -233,7 +233,7 @@ def camera_over(trial: Trial) -> RigidTransform:
 def closing_contacts(trial: Trial) -> list[RigidTransform]:
     """Returns X_WC of the contacts C of active fingers if the hand closed now, z outward."""
     context = trial.context.Clone()
-    trial.diagram.GetInputPort("close").FixValue(context, [1.0])
+    trial.command(context, context.get_time())
     own = trial.goals.GetMyContextFromRoot(context)
     active = is_active(np.asarray(trial.goals.GetOutputPort("contact_status").Eval(own)))
     targets = trial.goals.GetOutputPort("fingertip_targets").Eval(own)
@@ -246,7 +246,7 @@ def _shapes(
     trial: Trial, context: Context, *, annotate: bool
 ) -> Iterator[tuple[RigidTransform, Shape, Rgba]]:
     """Yields the drawn shapes besides the simulated geometry: X_WS, the shape S, its colour."""
-    for volume in trial.scenario.no_touch_volumes:
+    for volume in trial.resolved.no_touch_volumes:
         shape, X_WS = drawn_solid(volume.at(context.get_time()))
         yield X_WS, shape, VOLUME_COLOR
     if not annotate:

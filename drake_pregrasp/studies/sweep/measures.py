@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario, resolve_scenario
 from drake_pregrasp.simulation.run import LoggedRun
 from drake_pregrasp.simulation.run_log import adapting_phase, pose_columns
-from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import read_mapping, scenario_from_data
 from drake_pregrasp.simulation.summary import force_closure_summary, seen_from, summarize_grasp
 from drake_pregrasp.studies.sweep.field_path import with_fields
@@ -71,27 +71,30 @@ class SweepRun:
             data, source=self.source, folder=self.folder, folders=self.folders
         )
         with TemporaryDirectory(prefix="drake_pregrasp_") as folder:
-            logged = LoggedRun(scenario, Path(folder))
+            resolved = resolve_scenario(scenario, self.source)
+            logged = LoggedRun(resolved, Path(folder))
             logged.simulate()
-            return measure(scenario, logged, self.measures)
+            return measure(resolved, logged, self.measures)
 
 
-def measure(scenario: Scenario, logged: LoggedRun, names: Sequence[str]) -> dict[str, float]:
+def measure(
+    resolved: ResolvedScenario, logged: LoggedRun, names: Sequence[str]
+) -> dict[str, float]:
     """Returns measures of a run, nan where there is nothing to measure.
 
     Args:
-        scenario: Scenario of the run.
+        resolved: Scenario of the run.
         logged: Simulated run, whose log files still exist.
         names: Names of the measures, keys of `MEASURES`.
     """
     log = logged.log
     columns = dict(zip(log.columns, log.read(*log.columns), strict=True))
-    values: dict[str, Any] = _of_log(scenario, columns)
+    values: dict[str, Any] = _of_log(resolved, columns)
     if any(name in _MARGINS for name in names):  # Margins are as slow as seconds of simulation.
-        margins = force_closure_summary(scenario, logged.surface, static=None, final=log.last)
+        margins = force_closure_summary(resolved, static=None, final=log.last)
         values |= {name: margins[name]["final"] for name in _MARGINS}
     if logged.grasp_log is not None:
-        grasp = summarize_grasp(scenario, logged.grasp_log)
+        grasp = summarize_grasp(resolved, logged.grasp_log)
         values |= {f"grasp_{name}": grasp[f"{name}_mm"] for name in _GRASP}
         values["grasp_holds"] = grasp["phase"] == "hold"
         values["grasp_link_force"] = max(grasp["link_forces"].values())
@@ -99,8 +102,8 @@ def measure(scenario: Scenario, logged: LoggedRun, names: Sequence[str]) -> dict
     return {name: np.nan if value is None else float(value) for name, value in found.items()}
 
 
-def _of_log(scenario: Scenario, columns: Mapping[str, FloatArray]) -> dict[str, Any]:
-    time = columns["time"]
+def _of_log(resolved: ResolvedScenario, columns: Mapping[str, FloatArray]) -> dict[str, Any]:
+    scenario, time = resolved.scenario, columns["time"]
     phase = adapting_phase(scenario, time)
     values: dict[str, Any] = {"ticks": len(time)}
     if len(time):
@@ -110,7 +113,7 @@ def _of_log(scenario: Scenario, columns: Mapping[str, FloatArray]) -> dict[str, 
     for name in _QUALITIES:
         for kind in _EXTREMES:
             values[f"{name}_{kind}"] = getattr(np, kind)(columns[name][phase])
-    contacts = range(scenario.num_contacts)
+    contacts = range(resolved.num_contacts)
     active = np.stack([columns[f"c{i}_active"] for i in contacts], axis=1) > 0
     seconds = len(time[phase]) * scenario.planner.period
     error = columns["position_error"][phase]

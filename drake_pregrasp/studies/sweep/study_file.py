@@ -217,7 +217,7 @@ def named_files(study: Study) -> dict[str, str]:
             scenario = load_checked(study.source, "", data, Scenario())
             make_paths_absolute(scenario, study.folder, allowed=allowed, source=study.source)
             found.update(map(Path, _paths(scenario)))
-            hand = scenario.grasp.hand
+            hand = scenario.hand_file
             model = load_hand(hand, folders=allowed).model if _is_file(hand) else ""
             if _is_file(model):
                 found.update(checked_model(model_path(model), [Path(hand).parent, *allowed]).files)

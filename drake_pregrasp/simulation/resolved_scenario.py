@@ -1,0 +1,271 @@
+"""A scenario with everything that follows from its data: surface, hand, contacts, settings."""
+
+import math
+from copy import copy
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlantConfig
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.finger_config import capability_at, remaining_contacts
+from drake_pregrasp.config.grasp_config import ABOVE
+from drake_pregrasp.config.hand_description import HandDescription
+from drake_pregrasp.config.object_config import Box, Mesh, PoseStream, Push, Toss
+from drake_pregrasp.config.planner_config import PlannerConfig
+from drake_pregrasp.contacts.assignment import assign_fingers, ring_contacts
+from drake_pregrasp.contacts.start_contacts import StartContacts
+from drake_pregrasp.diagrams import start_grasp
+from drake_pregrasp.diagrams.approaches import best_approach, candidate_approaches
+from drake_pregrasp.diagrams.expected_path import initial_pose
+from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.diagrams.hand_station import TABLE
+from drake_pregrasp.errors import (
+    InvalidArgumentError,
+    NoSurfaceError,
+    ScenarioError,
+    errors_at,
+    raise_first,
+)
+from drake_pregrasp.geometry.shapes import Shape
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.regions.finger_measures import FingerMeasures
+from drake_pregrasp.simulation import grasp_check, scenario_check
+from drake_pregrasp.simulation.hand_file import load_hand, made_hand
+from drake_pregrasp.simulation.obstacle_config import moving_solid
+from drake_pregrasp.simulation.scenario import TIME_STEP, Scenario
+from drake_pregrasp.systems.palm_frames import FROM_ABOVE
+from drake_pregrasp.systems.sources import MovingSolid
+
+_LANDING_STEP = 0.0025  # Longest default time step for an object that lands on a table, in seconds.
+_STEP_LENGTH = 5e-4  # Largest distance that a pusher moves in a default time step, in metres.
+
+
+@dataclass(frozen=True, eq=False)
+class ResolvedScenario:
+    """A scenario that can be simulated, with all that files and searches add to its data.
+
+    Attributes:
+        scenario: The data.
+        shape: Shape of the object in O.
+        surface: Surface of the object, sampled as `scenario.surface` configures.
+        X_WO: Initial pose of the object.
+        hand: Model of the hand with its approach; None without a hand.
+        start: Initial contacts in O, which of them have a place, and the palm's yaw.
+        planner: Configuration of the planner, with the limits of the hand.
+        plant_config: Configuration of the plant, with a time step for the hand and the motion.
+    """
+
+    scenario: Scenario
+    shape: Shape
+    surface: ObjectSurface
+    X_WO: RigidTransform
+    hand: HandModel | None
+    start: StartContacts
+    planner: PlannerConfig
+    plant_config: MultibodyPlantConfig
+
+    @property
+    def num_contacts(self) -> int:
+        """Number of contacts n."""
+        return len(self.start.p_OC)
+
+    @property
+    def obstacle_bodies(self) -> list[MovingSolid]:
+        """Obstacles that are bodies; none if the motion is recorded, because it has no plant."""
+        simulated = not isinstance(self.scenario.motion, PoseStream)
+        return [moving_solid(o) for o in self.scenario.obstacles if o.body and simulated]
+
+    @property
+    def no_touch_volumes(self) -> list[MovingSolid]:
+        """Obstacles that are no bodies."""
+        recorded = isinstance(self.scenario.motion, PoseStream)
+        return [moving_solid(o) for o in self.scenario.obstacles if not o.body or recorded]
+
+    @property
+    def obstacle_names(self) -> dict[int, str]:
+        """Names of the planner's obstacles that are not in `obstacles`, by their index.
+
+        With a hand there is one: the conveyor's top, which no fingertip may touch.
+        """
+        return {len(self.scenario.obstacles): "the table"} if self.hand else {}
+
+    def sampled_surface(self, spacing: float) -> ObjectSurface:
+        """Returns the surface of the object, sampled with another spacing in metres."""
+        hand = None if self.hand is None else self.hand.description
+        return _surface(self.scenario, self.shape, hand, spacing)
+
+    def finger_measures(self) -> FingerMeasures | None:
+        """Returns the measures of the hand's fingers, if the planner needs them."""
+        needed = self.hand is not None and self.planner.needs_finger_measures
+        return self.hand.finger_measures(self.surface) if self.hand and needed else None
+
+    def remaining_contacts(self, time: float = math.inf) -> list[int]:
+        """Returns the contacts that are not lost at a time in seconds; by default, at the end."""
+        return remaining_contacts(self.scenario.damage, self.num_contacts, time)
+
+    def capability_at(self, time: float) -> FloatArray:
+        """Returns the capability of each finger at a time in seconds, shape (n,)."""
+        return capability_at(self.scenario.capability, self.num_contacts, time)
+
+
+def resolve_scenario(
+    scenario: Scenario, source: str = "scenario", *, keep: ResolvedScenario | None = None
+) -> ResolvedScenario:
+    """Returns a scenario with all that follows from its data, after a check that all of it fits.
+
+    Args:
+        scenario: Scenario whose keys, types and ranges have been checked.
+        source: Name of the scenario's origin, for error messages.
+        keep: Resolved scenario with the same object and hand, whose surface, hand and start
+            contacts are kept.
+
+    Raises:
+        ScenarioError: If the scenario cannot be simulated; the message names key and value.
+    """
+    try:
+        return _resolved(scenario, keep)
+    except ScenarioError as error:
+        raise ScenarioError(source, error.key, error.problem) from error.__cause__
+
+
+def _resolved(scenario: Scenario, keep: ResolvedScenario | None) -> ResolvedScenario:
+    hand, plant_config = None, _plant_config(scenario)
+    shape = keep.shape if keep else _shape(scenario)
+    if keep and keep.hand:
+        hand = keep.hand.description
+    elif scenario.has_hand:
+        with errors_at("hand.file"):
+            hand = load_hand(scenario.hand_file)
+    surface = keep.surface if keep else _checked_surface(scenario, shape, hand)
+    count = scenario.ring_contacts or len(scenario.initial_contacts)
+    if hand and scenario.chooses_contacts:
+        count = len(hand.fingertips)
+    raise_first(scenario_check.scenario_problems(scenario, count, surface, plant_config))
+    X_WO, model, planner = initial_pose(scenario.motion, shape), None, scenario.planner
+    if hand is None:
+        start = keep.start if keep else _given_start(scenario, surface, X_WO)
+    else:
+        raise_first(grasp_check.grasp_problems(scenario, hand, count, plant_config))
+        if keep and keep.hand:
+            model, start = keep.hand, keep.start
+        else:
+            model, start = _hand_and_start(scenario, hand, shape, surface, X_WO)
+        planner = start_grasp.hand_planner(planner, scenario.grasp, model.description)
+        grasp_check.check_arm(scenario, model, start.p_OC, shape)
+    raise_first(scenario_check.obstacle_problems(scenario, shape))
+    raise_first(scenario_check.limit_problems(scenario, planner.limits, count, surface))
+    if model is not None:
+        with errors_at("object"):
+            start_grasp.check_room(model.description, start.has_contact)
+    raise_first(scenario_check.drake_problems(scenario, plant_config))
+    return ResolvedScenario(scenario, shape, surface, X_WO, model, start, planner, plant_config)
+
+
+def _plant_config(scenario: Scenario) -> MultibodyPlantConfig:
+    """Returns the plant's configuration; its default time step suits the hand and the motion."""
+    settings, motion = copy(scenario.plant_config), scenario.motion
+    if settings.time_step == TIME_STEP:
+        step = scenario.grasp.period / 2 if scenario.has_hand else TIME_STEP
+        longest = _STEP_LENGTH / motion.speed if isinstance(motion, Push) else math.inf
+        if isinstance(motion, Toss) and motion.table:
+            longest = _LANDING_STEP
+        settings.time_step = step / max(1, math.ceil(step / longest))
+    return settings
+
+
+def _shape(scenario: Scenario) -> Shape:
+    with errors_at("object.file" if isinstance(scenario.object, Mesh) else "object.profile"):
+        return scenario.object.make_shape()
+
+
+def _surface(
+    scenario: Scenario, shape: Shape, hand: HandDescription | None, spacing: float | None = None
+) -> ObjectSurface:
+    tip = scenario.grasp.tip_size(hand.fingertips) if hand else None
+    return scenario.surface.make_surface(scenario.object, shape=shape, spacing=spacing, tip=tip)
+
+
+def _checked_surface(
+    scenario: Scenario, shape: Shape, hand: HandDescription | None
+) -> ObjectSurface:
+    sampling = scenario.surface
+    for index, area in enumerate(sampling.no_touch):
+        with errors_at(f"surface.no_touch[{index}]"):
+            area.make_area(shape)
+    try:
+        return _surface(scenario, shape, hand)
+    except NoSurfaceError as error:
+        key = "no_touch" if sampling.no_touch else "forbidden_faces"
+        raise ScenarioError("", f"surface.{key}", str(error)) from error
+    except InvalidArgumentError as error:
+        key = "forbidden_spacing" if "forbidden_spacing" in str(error) else "spacing"
+        raise ScenarioError("", f"surface.{key}", str(error)) from error
+
+
+def _given_contacts(scenario: Scenario, surface: ObjectSurface) -> FloatArray:
+    """Returns the contacts of the keys in O, in their order, shape (n, 3), in metres."""
+    if scenario.ring_contacts:
+        return ring_contacts(surface, scenario.ring_contacts)
+    low, high = surface.mesh.bounds
+    p_OC: FloatArray = (low + high) / 2 + np.array(scenario.initial_contacts) * (high - low) / 2
+    return p_OC if isinstance(scenario.object, Box) else surface.project(p_OC)[0]
+
+
+def _given_start(scenario: Scenario, surface: ObjectSurface, X_WO: RigidTransform) -> StartContacts:
+    """Returns the given contacts, in the order of the fingers of a hand's frame if it has any."""
+    p_OC, frame = _given_contacts(scenario, surface), scenario.hand_frame
+    if frame.fingertips:
+        X_OH = X_WO.inverse() @ frame.initial_X_WH(X_WO)
+        p_OF: FloatArray = (X_OH @ np.array(frame.fingertips).T).T
+        p_OC = p_OC[assign_fingers(p_OF, p_OC)]
+    return StartContacts(p_OC, np.ones(len(p_OC), dtype=bool), 0.0, np.nan, np.nan)
+
+
+def _hand_and_start(
+    scenario: Scenario,
+    description: HandDescription,
+    shape: Shape,
+    surface: ObjectSurface,
+    X_WO: RigidTransform,
+) -> tuple[HandModel, StartContacts]:
+    """Returns the hand with the approach that has the best start contacts, and these contacts."""
+    grasp, file = scenario.grasp, scenario.hand_file
+    R_WO, p_OCoM = X_WO.rotation().matrix(), shape.p_OCoM
+
+    def model(X_LA: RigidTransform) -> HandModel:
+        up = X_LA.rotation().matrix()[:, 2] @ R_WO
+        top = float(np.max((shape.mesh.vertices - p_OCoM) @ up))
+        return made_hand(description.over_object(top), grasp.yaw_range, X_LA)
+
+    with errors_at("hand.file", f"{file}: "):
+        upright = made_hand(description)
+    raise_first(grasp_check.model_problems(grasp, upright))
+    with errors_at("hand.file", f"{file}: "):
+        approaches = [FROM_ABOVE]
+        if grasp.approaches != [ABOVE]:
+            approaches = candidate_approaches(grasp, model(FROM_ABOVE), X_WO, p_OCoM)
+        hands = [model(X_LA) for X_LA in approaches]
+    where, path = "", [X for _, X in grasp_check.followed_path(scenario, hands[0], shape)]
+    if not approaches[0].rotation().IsExactlyIdentity():
+        height = (X_WO @ p_OCoM + approaches[0].translation())[2]
+        where = f"from the side, with the palm's axis {height:.3g} m over the table: "
+    chooses = scenario.chooses_contacts
+    with errors_at("object" if chooses else "initial_contacts", where):
+        given = None if chooses else _given_contacts(scenario, surface)
+        return best_approach(
+            hands,
+            lambda hand: start_grasp.start_contacts_of(
+                hand,
+                grasp,
+                scenario.planner,
+                surface,
+                solid=shape.solid,
+                mass=scenario.object.mass,
+                X_WO=X_WO,
+                fixed=[TABLE.solid],
+                path=path,
+                p_OC=given,
+            ),
+        )
