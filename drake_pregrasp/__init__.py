@@ -41,9 +41,15 @@ from drake_pregrasp.regions.capability_weights import capability_weights
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation.hand_file import load_hand
+from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.run import RunResult, run
 from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.simulation.scenario_file import load_scenario, shipped_scenarios
+from drake_pregrasp.simulation.scenario_file import (
+    load_resolved,
+    load_scenario,
+    resolve,
+    shipped_scenarios,
+)
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
 from drake_pregrasp.systems.differential_kinematics import DifferentialKinematics
@@ -110,6 +116,7 @@ __all__ = [
     "PregraspError",
     "PregraspPlanner",
     "PregraspVisualizer",
+    "ResolvedScenario",
     "RunResult",
     "SafeRegionPartitioner",
     "Scenario",
@@ -126,10 +133,12 @@ __all__ = [
     "compute_safe_regions",
     "hand_limits",
     "load_hand",
+    "load_resolved",
     "load_scenario",
     "load_shape",
     "make_diagram",
     "mesh_surface",
+    "resolve",
     "ring_contacts",
     "run",
     "shipped_scenarios",

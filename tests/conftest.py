@@ -11,7 +11,15 @@ import pytest
 from hypothesis import settings
 from selections import selection_of
 
-from drake_pregrasp import RunResult, Scenario, box_surface, load_scenario, run, shipped_scenarios
+from drake_pregrasp import (
+    RunResult,
+    Scenario,
+    box_surface,
+    load_scenario,
+    resolve,
+    run,
+    shipped_scenarios,
+)
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.surface import ObjectSurface
@@ -50,8 +58,8 @@ def surface() -> ObjectSurface:
 
 
 @pytest.fixture(scope="session")
-def p_OC(scenario: Scenario, surface: ObjectSurface) -> np.ndarray:
-    return scenario.initial_p_OC(surface)
+def p_OC(scenario: Scenario) -> np.ndarray:
+    return resolve(scenario).start.p_OC
 
 
 @pytest.fixture(scope="session")

@@ -35,7 +35,7 @@ def called():
         patch.setenv(SWITCH, "0")
         for name in TICKED:
             scenario = load_scenario(name, text="{planner: {static_duration: 0.0}}")
-            diagram = make_diagram(scenario, scenario.make_surface(), sink=lambda _: None)
+            diagram = make_diagram(scenario, sink=lambda _: None)
             simulator = Simulator(diagram)
             codes = found[name] = set()
             sys.setprofile(lambda frame, event, _, to=codes: to.add(frame.f_code))

@@ -119,7 +119,8 @@ ESCAPES = {
 THEIRS = """case:
   plant_config: {time_step: 0.01}
   initial_contacts: [[1, 0.5, -0.5], [0.1, 1, 0.5], [-1, 0.7, -0.2], [-0.7, -1, 0.2], [0.6, -1, -0.5]]
-  grasp: {close_at: 4.5, hand: five_finger_hand.yaml}
+  hand: {file: five_finger_hand.yaml}
+  grasp: {close_at: 4.5}
 """
 PLAIN = re.compile(rb"[A-Za-z0-9+/]{40,}={0,2}")
 

@@ -166,7 +166,7 @@ def test_the_index_names_each_page_once():
 def test_the_page_on_the_study_says_what_the_code_does():
     text = (DOCS / "static_versus_dynamic.md").read_text(encoding="utf-8")
     rows = {
-        f"| `{key}` | {condition.label} | {condition.scenario.description}"
+        f"| `{key}` | {condition.label} | {condition.scenario.scenario.description}"
         f" | {', '.join(f'{time:g}' for time in condition.closing_times)} |"
         for key, condition in CONDITIONS.items()
     } | {f"| `{key}` | {method.label} | {method.text} |" for key, method in METHODS.items()}

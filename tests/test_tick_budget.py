@@ -18,7 +18,7 @@ MOST_FILES, MOST_FUNCTIONS = 18, 60
 def test_a_tick_of_the_base_case_is_small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(SWITCH, "0")
     scenario = load_scenario("a_base")
-    diagram = make_diagram(scenario, scenario.make_surface())
+    diagram = make_diagram(scenario)
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
     monitor = diagram.GetSubsystemByName("grasp_quality_monitor")

@@ -8,7 +8,7 @@ from conftest import usable_hands
 from five_finger_hand import HAND, RING
 from selections import CUBE, selection_of
 
-from drake_pregrasp import InvalidArgumentError, load_scenario
+from drake_pregrasp import InvalidArgumentError
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.contacts.assignment import assign_fingers_round
 from drake_pregrasp.contacts.centroids import best_points
@@ -18,8 +18,8 @@ from drake_pregrasp.quality.grasp_quality import posture_measures
 from drake_pregrasp.regions.constraints import Limit, RegionConstraints
 from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
-from drake_pregrasp.simulation.hand_file import load_hand_model
-from drake_pregrasp.simulation.scenario import start_contacts
+from drake_pregrasp.simulation.hand_file import load_hand, made_hand
+from drake_pregrasp.simulation.scenario_file import load_resolved
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 
 R_TIP = HAND.tip_radii[0]
@@ -39,7 +39,7 @@ def drake_finger(hand, finger, q_own):
 
 @pytest.mark.parametrize("name", usable_hands())
 def test_chains_of_every_hand_move_as_in_drake(name):
-    hand = load_hand_model(f"package://drake_pregrasp/{name}.yaml")
+    hand = made_hand(load_hand(f"package://drake_pregrasp/{name}.yaml"))
     for finger, chain in enumerate(hand.finger_chains):
         q = np.random.default_rng(finger).uniform(chain.lower, chain.upper, (20, len(chain.home)))
         tips, jacobians = chain.tips(q)
@@ -153,9 +153,9 @@ def test_a_limit_moves_start_contacts_to_where_fingers_are_able(approach, name, 
         text = f"""{{surface: {{spacing: 0.015}}, motion: {{angular_velocity: 0, yaw: 0.4}},
             initial_contacts: [], grasp: {{approaches: [{approach}]}},
             planner: {{strategy: {name}, limits: {{{name}: {limit}}}}}}}"""
-        scenario = load_scenario("grasp_five_finger", text=text)
-        surface, hand = scenario.make_surface(), scenario.load_hand_model()
-        start, diagram = start_contacts(scenario, surface), make_diagram(scenario, surface)
+        resolved = load_resolved("grasp_five_finger", text=text)
+        surface, hand, start = resolved.surface, resolved.hand, resolved.start
+        diagram = make_diagram(resolved)
         planner = diagram.GetSubsystemByName("pregrasp_planner")
         context = planner.GetMyContextFromRoot(diagram.CreateDefaultContext())
         X_WO, X_WU = (

@@ -10,8 +10,6 @@ from pydrake.systems.framework import DiagramBuilder
 
 import drake_pregrasp as dp
 from drake_pregrasp.config.hand_description import Carrier, HandDescription, Mount
-from drake_pregrasp.diagrams.expected_path import initial_pose
-from drake_pregrasp.simulation.scenario import start_contacts
 
 SIZE = [0.1, 0.1, 0.1]
 SURFACE = dp.box_surface(SIZE, spacing=0.01, forbidden_faces=["+z", "-z"])
@@ -60,7 +58,7 @@ BESIDE = [[1, -0.6, 0], [1, -0.3, 0], [1, 0, 0], [1, 0.3, 0], [1, 0.6, 0]]
 @pytest.mark.parametrize("contacts", [slow(BESIDE), slow(BESIDE[:4])])
 def test_given_contacts_are_checked_as_on_the_command_line(contacts):
     with pytest.raises(dp.ScenarioError) as of_a_file:
-        dp.load_scenario("grasp_five_finger", text=f"{{initial_contacts: {contacts}}}")
+        dp.load_resolved("grasp_five_finger", text=f"{{initial_contacts: {contacts}}}")
     with pytest.raises(dp.InvalidArgumentError) as in_python:
         add(np.array(contacts) * 0.05)
     assert str(of_a_file.value).endswith(str(in_python.value))
@@ -77,7 +75,7 @@ def test_given_contacts_are_checked_as_on_the_command_line(contacts):
 )
 def test_settings_are_checked_as_on_the_command_line(text, python):
     with pytest.raises(dp.ScenarioError) as of_a_file:
-        dp.load_scenario("grasp_five_finger", text=text)
+        dp.load_resolved("grasp_five_finger", text=text)
     with pytest.raises(dp.InvalidArgumentError) as in_python:
         add(**python)
     assert str(of_a_file.value).endswith(str(in_python.value))
@@ -129,43 +127,43 @@ MODELS = {
 
 def scenario_of(text, approaches, motion="linear_velocity: 0, angular_velocity: 0"):
     grasp = f"initial_contacts: [], grasp: {{approaches: [{approaches}]}}"
-    return dp.load_scenario("grasp_five_finger", text=f"{{{text}, motion: {{{motion}}}, {grasp}}}")
+    return dp.load_resolved("grasp_five_finger", text=f"{{{text}, motion: {{{motion}}}, {grasp}}}")
 
 
 def axis_of(scenario):
-    return scenario.approach.rotation().matrix()[:, 2]
+    return scenario.hand.X_LA.rotation().matrix()[:, 2]
 
 
 @pytest.mark.slow
 def test_the_palm_comes_from_the_side_where_it_cannot_from_above():
     scenario = scenario_of(LOWER_HALF, "above, side")
     assert axis_of(scenario)[2] == pytest.approx(0)
-    start = start_contacts(scenario, scenario.make_surface())
+    start = scenario.start
     assert start.margin > 0
     assert np.all(start.p_OC[:, 2] < 0)
     # At home, the fingers clear the table.
-    model, X_WO = scenario.load_hand_model(), initial_pose(scenario.motion, scenario.object)
-    assert (X_WO @ scenario.approach.translation())[2] > model.side_depth(start.yaw)
+    height = (scenario.X_WO @ scenario.hand.X_LA.translation())[2]
+    assert height > scenario.hand.side_depth(start.yaw)
 
 
 @pytest.mark.slow
 def test_given_contacts_choose_the_side_as_well_and_are_refused_where_no_palm_fits():
     at = [[-1, 0, -0.1], [-1, 0, -0.4], [0, 1, -0.02], [1, 0, -0.1], [1, 0, -0.4]]
     given = f"{{initial_contacts: {at}, grasp: {{approaches: [above, side], side_height: 0.13}}}}"
-    scenario = dp.load_scenario("grasp_from_side", text=given)
+    scenario = dp.load_resolved("grasp_from_side", text=given)
     assert axis_of(scenario)[2] == pytest.approx(0)
-    start = start_contacts(scenario, scenario.make_surface())
+    start = scenario.start
     assert np.all(start.p_OC[start.has_contact, 2] < 0)
     assert np.sum(start.has_contact) >= 4
     with pytest.raises(
         dp.ScenarioError, match=r"initial_contacts: from the side.*no finger reaches contact"
     ):
-        dp.load_scenario("grasp_from_side", text="{ring_contacts: 5, grasp: {approaches: [side]}}")
+        dp.load_resolved("grasp_from_side", text="{ring_contacts: 5, grasp: {approaches: [side]}}")
 
 
 @pytest.mark.slow
 def test_it_comes_from_above_where_that_is_better():
-    assert scenario_of(COARSE, "side, above").approach.IsExactlyIdentity()
+    assert scenario_of(COARSE, "side, above").hand.X_LA.IsExactlyIdentity()
 
 
 @pytest.mark.slow
@@ -175,8 +173,8 @@ def test_an_object_that_is_turned_about_the_vertical_is_grasped_from_the_same_si
     turn, starts, sides = 1.1, [], []
     for yaw in (0.0, turn):
         scenario = scenario_of(box, "side", f"{still}, yaw: {yaw}")
-        starts.append(start_contacts(scenario, scenario.make_surface()))
-        sides.append(RotationMatrix.MakeZRotation(-yaw) @ scenario.approach.rotation())
+        starts.append(scenario.start)
+        sides.append(RotationMatrix.MakeZRotation(-yaw) @ scenario.hand.X_LA.rotation())
     np.testing.assert_allclose(sides[1].matrix(), sides[0].matrix(), atol=1e-9)
     np.testing.assert_allclose(starts[1].p_OC, starts[0].p_OC, atol=1e-9)
     assert starts[1].yaw == pytest.approx(starts[0].yaw)

@@ -9,7 +9,14 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import Simulator
 
-from drake_pregrasp import BoxSolid, ObjectPlant, load_scenario, shipped_scenarios
+from drake_pregrasp import (
+    BoxSolid,
+    ObjectPlant,
+    load_resolved,
+    load_scenario,
+    resolve,
+    shipped_scenarios,
+)
 from drake_pregrasp.config.object_config import Box, Conveyor, Cylinder, Mesh, Push, Toss
 from drake_pregrasp.diagrams.object_plant import TIP_RADIUS
 from drake_pregrasp.simulation.scenario import Scenario
@@ -31,7 +38,7 @@ FALLS = [f if f == ("box", "corner") else slow(*f) for f in product(OBJECTS, STA
 
 def corners_over_time(config, motion, duration, obstacles=()):
     """Returns times and the corners of the object in W, shape (t, k, 3), at each time step."""
-    settings = Scenario(motion=motion).plant_settings
+    settings = resolve(Scenario(motion=motion)).plant_config
     plant = ObjectPlant(config, motion, settings, obstacles=obstacles)
     simulator, vertices = Simulator(plant), config.make_shape().mesh.vertices
     times, places = np.arange(1, int(duration / settings.time_step)) * settings.time_step, []
@@ -64,7 +71,7 @@ def test_a_tossed_object_stops_within_half_a_millimetre(name, start):
 @pytest.mark.parametrize("name", ["box", "mug", "cylinder"])
 def test_a_pusher_stays_outside_the_object(name, speed):
     motion = Push(speed=speed, start=0.1, offset=0.01)
-    plant = ObjectPlant(OBJECTS[name], motion, Scenario(motion=motion).plant_settings)
+    plant = ObjectPlant(OBJECTS[name], motion, resolve(Scenario(motion=motion)).plant_config)
     simulator, solid, deepest = Simulator(plant), OBJECTS[name].make_shape().solid, -np.inf
     root, tip = simulator.get_context(), plant.plant.GetBodyByName("tip")
     for time in np.linspace(0.1, 0.1 + motion.distance / speed, 200):
@@ -92,7 +99,7 @@ STEPS |= {FAST_PUSH: 0.001, f"{{{FAST_PUSH}, plant_config: {{time_step: 0.01}}}}
 
 @pytest.mark.parametrize("text", STEPS)
 def test_the_default_time_step_suits_the_motion(text):
-    step = load_scenario("a_base", text=text).plant_settings.time_step
+    step = load_resolved("a_base", text=text).plant_config.time_step
     assert step == pytest.approx(STEPS[text])
 
 

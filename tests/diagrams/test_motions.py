@@ -150,7 +150,7 @@ MOTIONS = [name for name, (file, _) in shipped_scenarios().items() if file.stem 
 def test_the_expected_path_is_near_the_one_that_is_taken(name):
     scenario = load_scenario(name)
     duration = min(3.0, scenario.simulation_duration)
-    path = expected_path(scenario.motion, duration, scenario.object)
+    path = expected_path(scenario.motion, duration, scenario.object.make_shape())
     times = list(np.linspace(0.1, duration - 0.1, 5))
     step = scenario.plant_config.time_step
     for X_WO in poses(scenario.motion, times, step, scenario.object):
@@ -158,6 +158,6 @@ def test_the_expected_path_is_near_the_one_that_is_taken(name):
 
 
 def test_the_path_of_a_fall_ends_on_the_table():
-    path = expected_path(Toss(position=[0, 0, 1.0], table=True), 10.0, Box())
+    path = expected_path(Toss(position=[0, 0, 1.0], table=True), 10.0, Box().make_shape())
     assert path[:, 2].min() == pytest.approx(0.05, abs=1e-5)
-    assert expected_path(Toss(position=[0, 0, 1.0]), 10.0, Box())[:, 2].min() < -100
+    assert expected_path(Toss(position=[0, 0, 1.0]), 10.0, Box().make_shape())[:, 2].min() < -100

@@ -17,7 +17,7 @@ from thin_cup import HEIGHT, PROFILE, WALL
 
 from drake_pregrasp import ObjectPlant
 from drake_pregrasp.config.object_config import Ball, Box, Conveyor, Cylinder, Mesh, Revolved
-from drake_pregrasp.diagrams.object_body import add_object_body, standing_position
+from drake_pregrasp.diagrams.object_body import add_object_body, resting_position
 from drake_pregrasp.diagrams.object_plant import add_moving_object
 from drake_pregrasp.geometry.random_objects import object_url
 from drake_pregrasp.resources import resource_folder
@@ -35,7 +35,7 @@ STANDING = ["cup", "can", "mug", "bracket"]
 
 def spatial_inertia(config):
     plant = MultibodyPlant(0.01)
-    body = add_object_body(plant, config)
+    body = add_object_body(plant, config.make_shape(), config.mass)
     plant.Finalize()
     return body.CalcSpatialInertiaInBodyFrame(plant.CreateDefaultContext())
 
@@ -72,7 +72,7 @@ def yaw(X_WO):
 @pytest.mark.parametrize("name", STANDING)
 def test_it_stands_still_on_the_table_at_its_lowest_point(scenario, name):
     config, shape = OBJECTS[name], OBJECTS[name].make_shape()
-    start = standing_position(config)
+    start = resting_position(config.make_shape())
     assert start[2] == pytest.approx(-np.min(shape.mesh.vertices[:, 2]), abs=2e-6)
     np.testing.assert_allclose((start + shape.p_OCoM)[:2], 0, atol=1e-12)
     (X_WO,) = carried(config, scenario.plant_config, 0.0, 0.0, [1.0])
@@ -97,7 +97,8 @@ def test_a_link_without_hydroelastic_properties_falls_into_a_cup_and_lies_on_its
 
     plant, _, _ = add_moving_object(
         builder,
-        OBJECTS["cup"],
+        OBJECTS["cup"].make_shape(),
+        OBJECTS["cup"].mass,
         Conveyor(0.0, 0.0),
         MultibodyPlantConfig(time_step=0.002),
         add_more=add_link,
@@ -117,7 +118,7 @@ def test_the_conveyor_carries_it_at_its_speed(scenario, name):
     early, late = (X_WO.translation().copy() for X_WO in places)
     np.testing.assert_allclose(late - early, [0.8 * v, 0, 0], atol=5e-5)
     # It starts from rest, and so lags by one step.
-    gone = late[0] - standing_position(OBJECTS[name])[0]
+    gone = late[0] - resting_position(OBJECTS[name].make_shape())[0]
     assert gone == pytest.approx(v * (1 - step), abs=5e-5)
 
 
@@ -146,5 +147,5 @@ def test_faces_that_are_almost_flat_make_a_body_too():
     pytest.importorskip("manifold3d")
     for index in (2, 8, 52):
         plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.01)
-        body = add_object_body(plant, Mesh(object_url(index)))
+        body = add_object_body(plant, Mesh(object_url(index)).make_shape(), 0.3)
         assert len(scene_graph.model_inspector().GetAllGeometryIds()) >= 3, body.name()

@@ -87,8 +87,8 @@ BALL = (
 )
 def test_bodies_in_the_way_of_the_object_are_refused(text, problem):
     if not problem:
-        dp.load_scenario("a_base", text=f"{{{text}}}")
+        dp.load_resolved("a_base", text=f"{{{text}}}")
         return
     with pytest.raises(dp.ScenarioError, match=problem) as error:
-        dp.load_scenario("a_base", text=f"{{{text}}}")
+        dp.load_resolved("a_base", text=f"{{{text}}}")
     assert error.value.key == "a_base.obstacles[0]"

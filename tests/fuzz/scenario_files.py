@@ -24,7 +24,7 @@ from command_line import Result, main
 from scenario_cases import Case, make_case
 
 from drake_pregrasp.errors import LONGEST_KEY, LONGEST_MESSAGE, PregraspError
-from drake_pregrasp.simulation.scenario_file import load_scenario
+from drake_pregrasp.simulation.scenario_file import load_resolved
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 
 SECONDS = 10.0
@@ -60,10 +60,9 @@ def load(case: Case, folder: Path, *, build: bool = False) -> tuple[str, str]:
         (folder / name).write_bytes(data)
     try:
         with _timer():
-            scenario = load_scenario(case.name, file=file)
-            surface = scenario.make_surface()
+            resolved = load_resolved(case.name, file=file)
             if build:
-                make_diagram(scenario, surface)
+                make_diagram(resolved)
     except PregraspError as error:
         said = str(error)
         fits = said.isprintable() and 0 < len(said) <= _LONGEST
@@ -106,8 +105,7 @@ def _work(seed: int, first: int, end: int, folder: Path, connection: Connection)
 
 def results(seed: int, first: int, end: int) -> Iterator[Result]:
     """Yields what came of the files of a seed from a number up to another."""
-    scenario = load_scenario("a_base")
-    make_diagram(scenario, scenario.make_surface())  # Compiling counts for no file.
+    make_diagram(load_resolved("a_base"))  # Compiling counts for no file.
     context = multiprocessing.get_context("fork")
     shared = Path("/dev/shm")  # In memory, where there is such a folder.
     with tempfile.TemporaryDirectory(dir=shared if shared.is_dir() else None) as folder:

@@ -13,7 +13,7 @@ from browser import BROWSER, PATIENCE, Browser
 from PIL import Image
 from pydrake.math import RollPitchYaw
 
-from drake_pregrasp import load_scenario
+from drake_pregrasp import load_resolved, load_scenario
 from drake_pregrasp.live.live_controls import LiveControls
 from drake_pregrasp.live.live_page import served_page
 from drake_pregrasp.live.live_run import LiveRun
@@ -33,7 +33,7 @@ class Page:
 
         def serve() -> None:  # Meshcat must be used by the thread that has made it.
             meshcat = start_meshcat(live=True)
-            self.run = LiveRun(load_scenario(name, text=text), name=name, meshcat=meshcat)
+            self.run = LiveRun(load_resolved(name, text=text), name=name, meshcat=meshcat)
             self.controls = LiveControls(self.run, meshcat, out=folder)
             with served_page(meshcat, self.controls.timeline) as address:
                 opened.put(address)

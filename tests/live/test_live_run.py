@@ -14,7 +14,7 @@ from drake_pregrasp import load_scenario, make_diagram
 from drake_pregrasp.live.live_controls import LiveControls
 from drake_pregrasp.live.live_run import LiveRun
 from drake_pregrasp.simulation.recording import start_meshcat
-from drake_pregrasp.simulation.scenario_file import check_scenario
+from drake_pregrasp.simulation.scenario_file import load_resolved, resolve
 
 NAMES = ["a_base", pytest.param("grasp_five_finger", marks=pytest.mark.slow)]
 
@@ -23,13 +23,13 @@ NAMES = ["a_base", pytest.param("grasp_five_finger", marks=pytest.mark.slow)]
 def test_a_change_of_nothing_changes_nothing(name):
     """Goals and the object are those of a simulation without a change, to the last bit."""
     scenario = load_scenario(name, text="{planner: {static_duration: 0.1}}")
-    run = LiveRun(scenario, name=name, meshcat=start_meshcat(live=True))
+    run = LiveRun(resolve(scenario), name=name, meshcat=start_meshcat(live=True))
     for tick in range(16):
         if tick in (4, 9):
             run.change(lambda scenario: None)
         run.advance()
     records = []
-    diagram = make_diagram(scenario, scenario.make_surface(), sink=records.append)
+    diagram = make_diagram(scenario, sink=records.append)
     Simulator(diagram).AdvanceTo(run.time)
     plain = records[-1]
     assert run.last.time == plain.time > 0.5
@@ -38,7 +38,7 @@ def test_a_change_of_nothing_changes_nothing(name):
 
 
 def test_a_new_start_has_the_changed_settings_another_seed_and_all_fingers():
-    run = LiveRun(load_scenario("a_base"), name="a_base", meshcat=start_meshcat(live=True))
+    run = LiveRun(load_resolved("a_base"), name="a_base", meshcat=start_meshcat(live=True))
     run.advance()
     run.set_velocity(linear=0.03)
     run.switch_finger(1)
@@ -59,19 +59,19 @@ def test_a_new_start_has_the_changed_settings_another_seed_and_all_fingers():
 @pytest.mark.parametrize("name", ["a_base", "grasp_five_finger"])
 def test_sliders_at_their_ends_make_valid_scenarios(name, tmp_path):
     meshcat = start_meshcat(live=True)
-    run = LiveRun(load_scenario(name), name=name, meshcat=meshcat)
+    run = LiveRun(load_resolved(name), name=name, meshcat=meshcat)
     controls = LiveControls(run, meshcat, out=tmp_path)
     for value in (-1e6, 1e6):
         for slider in meshcat.GetSliderNames():
             meshcat.SetSliderValue(slider, value)  # As near to it as its range permits.
         controls.apply()
-        check_scenario(run.scenario)
+        resolve(run.scenario)
     assert run.scenario.planner.period == pytest.approx(1 / 50)
 
 
 def test_a_run_goes_on_after_a_refused_change():
     scenario = load_scenario("fault_low_rate")
-    run = LiveRun(scenario, name="low", meshcat=start_meshcat(live=True))
+    run = LiveRun(resolve(scenario), name="low", meshcat=start_meshcat(live=True))
     period = run.scenario.planner.period
     run.change(lambda scenario: setattr(scenario.planner, "period", 10.0))
     assert "sample_period" in run.timeline.now()["events"][-1][1]

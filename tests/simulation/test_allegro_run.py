@@ -12,6 +12,7 @@ from drake_pregrasp import (
     InvalidArgumentError,
     ScenarioError,
     load_hand,
+    load_resolved,
     load_scenario,
     make_diagram,
 )
@@ -30,7 +31,7 @@ QUIET = "sensor: {position_std: 0.0, orientation_std: 0.0}"
 
 @pytest.fixture(scope="module")
 def hand(allegro_panda):
-    return load_scenario(NAME).load_hand_model()
+    return load_resolved(NAME).hand
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +65,7 @@ def test_two_fingers_and_the_thumb_lift_when_the_third_is_lost(allegro_panda, tm
 
 def test_the_arm_holds_the_palm_and_the_hand_is_far_from_its_largest_torques(hand):
     scenario = load_scenario(NAME, text=f"{{{FAST % 'sensor: {}'}}}")
-    diagram = make_diagram(scenario, scenario.make_surface())
+    diagram = make_diagram(scenario)
     station = diagram.GetSubsystemByName("object_plant")
     controller = diagram.GetSubsystemByName("hand_controller")
     plant = hand.kinematics.plant
@@ -126,7 +127,7 @@ def test_where_the_arm_does_not_reach_is_said_before_it_moves(hand):
         hand.home(np.array([1.0, 0.0, 0.0]), 0.0)
     assert "\n" not in str(error.value)
     with pytest.raises(ScenarioError, match=r"motion: at \S+ s the object is out of the arm's re"):
-        load_scenario(NAME, text="{motion: {linear_velocity: 0.2}}")
+        load_resolved(NAME, text="{motion: {linear_velocity: 0.2}}")
 
 
 @pytest.mark.parametrize(
@@ -182,7 +183,7 @@ def test_a_finger_whose_place_gets_free_comes_back_and_takes_part(allegro_panda,
 
 def test_a_box_that_is_too_long_for_the_opening_is_refused(allegro_panda):
     with pytest.raises(ScenarioError, match=r"object: only 1 fingers reach .* no place for link_3"):
-        load_scenario(NAME, text="{object: !Box {size: [0.12, 0.065, 0.065], mass: 0.25}}")
+        load_resolved(NAME, text="{object: !Box {size: [0.12, 0.065, 0.065], mass: 0.25}}")
 
 
 def test_without_the_extra_a_line_says_what_to_install(monkeypatch, capsys, tmp_path):
@@ -190,7 +191,7 @@ def test_without_the_extra_a_line_says_what_to_install(monkeypatch, capsys, tmp_
     monkeypatch.setattr(allegro_panda, "PACKAGE", "example-robot-data-that-is-not-there")
     assert main(["run", NAME]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "grasp.hand" in line
+    assert "hand.file" in line
     assert "pip install 'drake_pregrasp[robots]'" in line
     assert not (tmp_path / "runs").exists()
 

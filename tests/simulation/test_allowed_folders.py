@@ -106,7 +106,7 @@ def test_a_models_files_are_near_it(tmp_path, model, problem):
     with pytest.raises(ScenarioError, match=problem):
         load_hand(hand, folders=[])
     scenario = folder / "mine.yaml"
-    scenario.write_text("case: {grasp: {hand: hand.yaml}}\n")
-    with pytest.raises(ScenarioError, match=f"case.grasp.hand: .*{problem}"):
+    scenario.write_text("case: {hand: {file: hand.yaml}}\n")
+    with pytest.raises(ScenarioError, match=f"case.hand.file: .*{problem}"):
         load_scenario(file=scenario)
     assert load_hand(hand).model == str(folder / "own.sdf")

@@ -4,9 +4,9 @@ import pytest
 from conftest import LACKING_HANDS, usable_hands
 from simulation_runs import run_text
 
-from drake_pregrasp import ScenarioError, load_scenario
+from drake_pregrasp import ScenarioError, load_resolved
 from drake_pregrasp.errors import Lack
-from drake_pregrasp.simulation.hand_file import load_hand_model
+from drake_pregrasp.simulation.hand_file import load_hand, made_hand
 
 OBJECTS = {
     "box": "!Box {size: [0.05, 0.05, 0.06], mass: 0.2}",
@@ -14,7 +14,7 @@ OBJECTS = {
     "ball": "!Ball {radius: 0.03, mass: 0.1}",
     "torus": '!Mesh {file: "package://drake_pregrasp/torus.obj", mass: 0.15}',
 }
-TEXT = "initial_contacts: [], grasp: {hand: package://drake_pregrasp/%s.yaml}, object: %s"
+TEXT = "initial_contacts: [], hand: {file: package://drake_pregrasp/%s.yaml}, object: %s"
 
 HELD = [
     ("allegro_hand", "box"),
@@ -32,7 +32,7 @@ OTHERS = [
 
 @pytest.mark.parametrize("hand", usable_hands())
 def test_every_shipped_hand_is_driven_and_reaches_its_home(hand, capfd):
-    model = load_hand_model(f"package://drake_pregrasp/{hand}.yaml")
+    model = made_hand(load_hand(f"package://drake_pregrasp/{hand}.yaml"))
     assert (model.kinematics.stiffness > 0).all()
     assert capfd.readouterr() == ("", "")
 
@@ -41,11 +41,11 @@ def test_every_shipped_hand_is_driven_and_reaches_its_home(hand, capfd):
 @pytest.mark.parametrize(("hand", "name"), OTHERS)
 def test_each_hand_takes_each_object_or_says_what_is_missing(hand, name):
     try:
-        scenario = load_scenario("grasp_five_finger", text=f"{{{TEXT % (hand, OBJECTS[name])}}}")
+        resolved = load_resolved("grasp_five_finger", text=f"{{{TEXT % (hand, OBJECTS[name])}}}")
     except ScenarioError as error:
         problem = str(error)
     else:
-        assert scenario.num_contacts == len(scenario.load_hand_model().azimuths)
+        assert resolved.num_contacts == len(resolved.hand.azimuths)
         return
     assert any(f"no grasp for lack of {lack}" in problem for lack in Lack)
     assert name not in ("box", "cylinder")  # All hands have grasps on these.

@@ -10,7 +10,15 @@ import yaml
 from pydrake.systems.analysis import Simulator
 from simulation_runs import check_gaps, points, run_log, run_text
 
-from drake_pregrasp import HalfSpace, ScenarioError, load_scenario, make_diagram, run
+from drake_pregrasp import (
+    HalfSpace,
+    ScenarioError,
+    load_resolved,
+    load_scenario,
+    make_diagram,
+    resolve,
+    run,
+)
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.estimation.pose_track import TrackingStatus
@@ -89,9 +97,7 @@ def test_a_belt_that_accelerates_neither_shoves_nor_slides_the_object(start, cha
 
 @pytest.mark.slow
 def test_an_object_and_a_hand_are_all_that_a_scenario_needs(tmp_path):
-    (tmp_path / "mine.yaml").write_text(
-        f"mine: {{object: !Cylinder {{}}, grasp: {{hand: {HAND}}}}}"
-    )
+    (tmp_path / "mine.yaml").write_text(f"mine: {{object: !Cylinder {{}}, hand: {{file: {HAND}}}}}")
     scenario = load_scenario(file=tmp_path / "mine.yaml", text="{simulation_duration: 9.5}")
     result = run(scenario, name="mine", out=tmp_path, recording=False)
     grasp = result.summary["grasp"]
@@ -102,7 +108,7 @@ def test_an_object_and_a_hand_are_all_that_a_scenario_needs(tmp_path):
 @pytest.mark.slow
 def test_a_context_can_be_cloned_in_the_middle_of_a_run():
     scenario = load_scenario(NAME)
-    diagram = make_diagram(scenario, scenario.make_surface())
+    diagram = make_diagram(scenario)
     simulator = Simulator(diagram)
     simulator.AdvanceTo(0.5)
     other = Simulator(diagram, simulator.get_context().Clone())
@@ -167,7 +173,7 @@ def test_an_obstacle_over_the_table_keeps_its_distance_from_fingertips(tmp_path)
 @pytest.mark.parametrize("own", ["[]", "[!BallObstacle {radius: 0.03, center: [0.3, 0.0, 0.05]}]"])
 def test_the_table_is_the_last_obstacle_of_the_planner_and_none_of_the_controller(own):
     scenario = load_scenario(NAME, text=f"{{obstacles: {own}}}")
-    diagram = make_diagram(scenario, scenario.make_surface())
+    diagram = make_diagram(scenario)
     root = diagram.CreateDefaultContext()
     given = []
     for name in ("pregrasp_planner", "hand_controller"):
@@ -178,15 +184,15 @@ def test_the_table_is_the_last_obstacle_of_the_planner_and_none_of_the_controlle
     count = len(scenario.obstacles)
     assert len(solids) == len(applied) == count
     assert isinstance(table, HalfSpace)
-    assert scenario.obstacle_names == {count: "the table"}
-    assert load_scenario("a_base").obstacle_names == {}
+    assert resolve(scenario).obstacle_names == {count: "the table"}
+    assert load_resolved("a_base").obstacle_names == {}
 
 
 def test_the_closing_words_call_the_table_by_its_name():
     status = np.array([ContactStatus.OBSTRUCTED, ContactStatus.OBSTRUCTED, ContactStatus.ACTIVE])
     record = SimpleNamespace(contact_status=status, contact_causes=np.array([1.0, 0.0, -1.0]))
-    scenario = load_scenario(NAME, text="{obstacles: [!BallObstacle {radius: 0.01, body: false}]}")
-    assert inactive_contacts(scenario, SimpleNamespace(last=record)) == {
+    resolved = load_resolved(NAME, text="{obstacles: [!BallObstacle {radius: 0.01, body: false}]}")
+    assert inactive_contacts(resolved, SimpleNamespace(last=record)) == {
         "0": "obstructed by the table",
         "1": "obstructed by obstacle 0",
     }
@@ -198,5 +204,5 @@ BAD = yaml.safe_load((Path(__file__).parent / "bad_grasps.yaml").read_text())
 @pytest.mark.parametrize(("text", "message"), BAD, ids=[case[0] for case in BAD])
 def test_what_a_hand_cannot_do_is_refused_in_one_line(text, message):
     with pytest.raises(ScenarioError, match=message) as error:
-        load_scenario(NAME, text=text)
+        load_resolved(NAME, text=text)
     assert "\n" not in str(error.value)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drake_pregrasp import load_scenario, run, shipped_scenarios
+from drake_pregrasp import load_scenario, resolve, run, shipped_scenarios
 from drake_pregrasp.contacts.goal_limits import tip_gaps
 from drake_pregrasp.contacts.selection_input import ContactStatus, is_active
 from drake_pregrasp.simulation.obstacle_config import moving_solid
@@ -26,9 +26,10 @@ def ticks(name, folder, text=""):
 @pytest.mark.parametrize("name", NAMES)
 def test_a_shipped_scenario_keeps_its_limits(name, tmp_path):
     scenario, records = ticks(name, tmp_path)
-    surface, limits = scenario.make_surface(), scenario.planner.limits
+    resolved = resolve(scenario)
+    surface, limits = resolved.surface, scenario.planner.limits
     contact_limits = limits.make_limits(scenario.planner.period, friction=0.7)
-    radii = np.array(limits.tip_radii or [0.0] * scenario.num_contacts)
+    radii = np.array(limits.tip_radii or [0.0] * resolved.num_contacts)
     before, active_before, quality = None, (), None
     for record in records:
         X_OW = record.X_WO_estimated.inverse()

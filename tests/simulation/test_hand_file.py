@@ -1,6 +1,5 @@
 """Descriptions of hands: loaded values, and rejections in one line."""
 
-import os
 import re
 from pathlib import Path
 
@@ -22,8 +21,8 @@ from drake_pregrasp.config.limits_config import BallReach, BoxReach, SectorReach
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams import hand_parsing
 from drake_pregrasp.quality.force_closure import min_weight_margin
-from drake_pregrasp.simulation.hand_file import load_hand_model
-from drake_pregrasp.simulation.scenario import Scenario, hand_planner, initial_contacts
+from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.scenario_file import load_resolved, resolve
 
 BAD = yaml.safe_load((Path(__file__).parent / "bad_hands.yaml").read_text())
 FIRST_RADIUS = "radius: 0.009"
@@ -31,8 +30,8 @@ FIRST_SECTOR = re.search(r"!SectorReach \{azimuth: 0.0,[^}]*\}", SHIPPED_TEXT).g
 
 
 def scenario_with(path, text=""):
-    text = f"{{grasp: {{hand: '{path}'}}, {text}}}"
-    return load_scenario("grasp_five_finger", text=text, folders=[path.parent])
+    text = f"{{hand: {{file: '{path}'}}, {text}}}"
+    return load_resolved("grasp_five_finger", text=text, folders=[path.parent])
 
 
 def test_shipped_hands_are_what_their_files_say():
@@ -78,7 +77,7 @@ def test_a_hand_that_is_not_as_described_is_refused_in_one_line(tmp_path, old, n
         HandModel(load_hand(path))
     with pytest.raises(ScenarioError, match=message) as in_scenario:
         scenario_with(path)
-    assert "grasp.hand: " in str(in_scenario.value)
+    assert "hand.file: " in str(in_scenario.value)
     assert "\n" not in f"{alone.value}{in_scenario.value}"
 
 
@@ -91,7 +90,7 @@ def test_joints_without_a_finger_or_base_are_named(tmp_path):
 def test_closing_limits_come_before_what_a_scenario_asks_for(tmp_path):
     limited = "closing: {force: 3.0, speed: 0.01}, radius: 0.009"
     path = write_hand(tmp_path, FIRST_RADIUS, limited)
-    settings = scenario_with(path).grasp.make_settings(load_hand(path).fingertips)
+    settings = scenario_with(path).scenario.grasp.make_settings(load_hand(path).fingertips)
     np.testing.assert_array_equal(settings.largest_force, [3, 12, 12, 12, 12])
     np.testing.assert_array_equal(settings.closing_speed, [0.01, 0.04, 0.04, 0.04, 0.04])
     path = write_hand(tmp_path, FIRST_RADIUS, limited.replace("3.0", "2.0"))
@@ -103,7 +102,7 @@ def test_faces_are_forbidden_by_the_scenario_and_by_the_hand(tmp_path):
     path = write_hand(tmp_path, FIRST_RADIUS, "forbidden_faces: [-z], radius: 0.009", count=5)
     own = [["+z"], [], ["-z"], [], ["+z", "-z"]]
     scenario = scenario_with(path, f"planner: {{limits: {{forbidden_faces: {own}}}}}")
-    forbidden = [set(faces) for faces in hand_planner(scenario).limits.forbidden_faces]
+    forbidden = [set(faces) for faces in scenario.planner.limits.forbidden_faces]
     assert forbidden == [{*faces, "-z"} for faces in own]
     path = write_hand(tmp_path, FIRST_RADIUS, "forbidden_faces: ['+x', '-y', '+y'], radius: 0.009")
     with pytest.raises(ScenarioError, match=r"nearest to finger_0_tip, to which [+-][xy] is for"):
@@ -115,24 +114,24 @@ def test_faces_are_forbidden_by_the_scenario_and_by_the_hand(tmp_path):
 def test_contacts_are_chosen_unless_given(request, name):
     if name == "grasp_allegro_panda":
         request.getfixturevalue("allegro_panda")
-    given = load_scenario(name)
-    surface = given.make_surface()
     margins = []
     for text in ("{}", "{initial_contacts: []}"):
-        p_OC, has_room = initial_contacts(load_scenario(name, text=text), surface)
-        on, normals = p_OC[has_room], surface.project(p_OC)[1][has_room]
-        margins.append(min_weight_margin(on - surface.p_OCoM, normals, 0.5))
+        found = load_resolved(name, text=text)
+        p_OC, surface, on = found.start.p_OC, found.surface, found.start.has_contact
+        r, normals = p_OC[on] - surface.p_OCoM, surface.project(p_OC)[1][on]
+        margins.append(min_weight_margin(r, normals, 0.5))
     assert margins[1] > margins[0] + 0.1
-    mine = Scenario(grasp=given.grasp)  # The default contacts are for no hand.
-    assert mine.chooses_contacts
-    assert mine.plant_settings.time_step == mine.grasp.period / 2
+    given = load_scenario(name)
     assert not given.chooses_contacts
+    mine = resolve(Scenario(object=given.object, hand=given.hand))
+    assert mine.scenario.chooses_contacts  # The default contacts are for no hand.
+    assert mine.plant_config.time_step == mine.scenario.grasp.period / 2
     assert mine.num_contacts == len(p_OC)
 
 
 def test_limits_of_a_scenario_are_checked_with_those_of_its_hand():
     text = "{planner: {limits: {standoff: 0.03, tip_gap: 0.01}}}"
-    limits = hand_planner(load_scenario("grasp_five_finger", text=text)).limits
+    limits = load_resolved("grasp_five_finger", text=text).planner.limits
     assert (limits.standoff, limits.tip_gap, limits.tip_radii) == (0.03, 0.01, [0.009] * 5)
 
 
@@ -183,12 +182,11 @@ def test_a_wrist_of_less_than_two_turns_is_limited_as_the_model_says(tmp_path):
 @pytest.mark.slow
 def test_a_model_that_limits_its_wrist_is_as_good_as_a_scenario_that_does(tmp_path):
     by_model = scenario_with(limited_hand(tmp_path))
-    by_scenario = load_scenario("grasp_five_finger", text="{grasp: {wrist_range: [-0.1, 0.1]}}")
+    by_scenario = load_resolved("grasp_five_finger", text="{grasp: {wrist_range: [-0.1, 0.1]}}")
     turns, poses, contacts = [], [], []
     for scenario in (by_model, by_scenario):
-        surface = scenario.make_surface()
-        contacts.append(scenario.initial_p_OC(surface))
-        diagram = make_diagram(scenario, surface)
+        contacts.append(scenario.start.p_OC)
+        diagram = make_diagram(scenario)
         controller = diagram.GetSubsystemByName("hand_controller")
         turns.append(controller.initial[3])
         context = controller.GetMyContextFromRoot(diagram.CreateDefaultContext())
@@ -197,18 +195,6 @@ def test_a_model_that_limits_its_wrist_is_as_good_as_a_scenario_that_does(tmp_pa
     np.testing.assert_array_equal(*poses)
     assert turns[0] == turns[1]
     assert abs(turns[0]) <= 0.1
-
-
-def test_a_model_is_made_once_until_one_of_its_files_changes(tmp_path):
-    path = limited_hand(tmp_path)
-    first = load_hand_model(path)
-    assert load_hand_model(path) is first
-    assert load_hand_model(path, (-0.05, 0.05)) is not first
-    assert load_hand_model(path) is first
-    for file in (path, tmp_path / "own.sdf"):
-        before = load_hand_model(path)
-        os.utime(file, ns=(0, file.stat().st_mtime_ns + 1))
-        assert load_hand_model(path) is not before
 
 
 def test_an_error_without_text_is_a_line_all_the_same(monkeypatch):
@@ -231,5 +217,5 @@ def test_an_error_without_text_is_a_line_all_the_same(monkeypatch):
 def test_a_failed_demand_of_drakes_is_an_error_like_any_other(tmp_path, old, new):
     assert old in MODEL
     path = write_hand(tmp_path, model=MODEL.replace(old, new, 1))
-    with pytest.raises(ScenarioError, match=r"grasp.hand: .*own.sdf is no model of a hand: Fail"):
+    with pytest.raises(ScenarioError, match=r"hand.file: .*own.sdf is no model of a hand: Fail"):
         scenario_with(path)

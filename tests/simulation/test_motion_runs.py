@@ -5,7 +5,7 @@ import pytest
 from conftest import read_log, usable_scenarios
 from simulation_runs import contacts, pose, run_log
 
-from drake_pregrasp import Scenario, load_scenario, run, shipped_scenarios
+from drake_pregrasp import Scenario, load_scenario, resolve, run, shipped_scenarios
 from drake_pregrasp.diagrams.expected_path import expected_path
 from drake_pregrasp.estimation.recorded_poses import read_recorded_poses
 from drake_pregrasp.resources import resource_folder
@@ -38,7 +38,7 @@ def test_goals_stay_within_the_surface_of_a_tossed_object(tmp_path):
         scenario = load_scenario("toss")
         scenario.planner.estimator.lookahead = lookahead
         result = run(scenario, name=f"toss_{lookahead}", out=tmp_path, recording=False)
-        log, surface = run_log(result), scenario.make_surface()
+        log, surface = run_log(result), resolve(scenario).surface
         ahead = round(lookahead / scenario.planner.period)
         assert log["z_wo"].max() - log["z_wo"].min() > 0.4
         for row in range(10, len(log["time"]) - ahead):
@@ -52,10 +52,10 @@ def test_goals_stay_within_the_surface_of_a_tossed_object(tmp_path):
 def test_the_camera_sees_the_whole_motion(name):
     file, _ = shipped_scenarios()[name]
     scenario = load_typed(Scenario, read_mapping(file)[name], Scenario())
-    path = expected_path(scenario.motion, scenario.simulation_duration, scenario.object)
+    path = expected_path(scenario.motion, scenario.simulation_duration, resolve(scenario).shape)
     extent = max(scenario.object.make_shape().mesh.extents)
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * extent / 2
-    for view in (camera_view(scenario, follows=follows) for follows in (False, True)):
+    for view in (camera_view(resolve(scenario), follows=follows) for follows in (False, True)):
         axis = (view.p_WT - view.p_WK) / np.linalg.norm(view.p_WT - view.p_WK)
         camera = view.p_WK + view.share * (path - path[0])
         seen = (path - camera)[:, None] + corners

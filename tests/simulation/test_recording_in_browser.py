@@ -70,7 +70,7 @@ def test_a_live_view_shows_what_a_recording_shows(recorded_run, pictures, tmp_pa
     """The whole scene, in the same colours, in a viewer of one's own."""
     scenario = load_scenario("a_base", text="{simulation_duration: 8.0}")
     meshcat = Meshcat(MeshcatParams(host="localhost"))
-    Simulator(make_diagram(scenario, scenario.make_surface(), meshcat=meshcat)).AdvanceTo(1.0)
+    Simulator(make_diagram(scenario, meshcat=meshcat)).AdvanceTo(1.0)
     page = tmp_path / "live.html"
     page.write_text(meshcat.StaticHtml())
     live = picture(page, 1.0, tmp_path)
@@ -101,7 +101,7 @@ def test_a_recording_tells_what_happens_when_it_happens(recorded_run, base_log, 
 def test_the_server_of_a_run_shows_nothing(tmp_path):
     meshcat = start_meshcat()
     scenario = load_scenario("a_base")
-    diagram = make_diagram(scenario, scenario.make_surface(), meshcat=meshcat, record=True)
+    diagram = make_diagram(scenario, meshcat=meshcat, record=True)
     Simulator(diagram).AdvanceTo(0.1)
     page = tmp_path / "during.html"
     page.write_text(meshcat.StaticHtml())

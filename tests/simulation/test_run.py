@@ -5,7 +5,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 from simulation_runs import closing_words, contacts, points, pose, run_log, run_text
 
-from drake_pregrasp import OutputError, ScenarioError, load_scenario, run, shipped_scenarios
+from drake_pregrasp import (
+    OutputError,
+    ScenarioError,
+    load_scenario,
+    resolve,
+    run,
+    shipped_scenarios,
+)
 from drake_pregrasp.config.planner_config import filter_noise
 from drake_pregrasp.estimation.pose_filter import PoseMeasurement, first_belief, predict, update
 from drake_pregrasp.quality.force_closure import ferrari_canny, min_weight_margin
@@ -159,7 +166,7 @@ def test_the_margins_are_those_of_the_active_contacts(scenario, tmp_path):
     summary, log = result.summary, run_log(result)
     X_OW = pose(log, -1, "wo_estimated").inverse()
     p_OC = (X_OW @ contacts(log, -1).T).T
-    surface = scenario.make_surface()
+    surface = resolve(scenario).surface
     _, normals = surface.project(p_OC[:3])
     cone = {"model": "soft_finger", "torsional_friction": 0.003}
     weights = np.array([0, 0, 0, -np.inf, -np.inf])
@@ -248,7 +255,7 @@ def test_the_summary_compares_what_fingers_offer_with_what_their_goals_demand(tm
         planner: {static_duration: 10, estimator: {lookahead: 0.2}, coordinates: [
         {name: arm, scale: 1, candidates: lever_arm, fingers: [0, 1, 2, 3, 4]}]}"""
     scenario = load_scenario("a_base", text=f"{{{text}}}")
-    p_OC = scenario.initial_p_OC(scenario.make_surface())
+    p_OC = resolve(scenario).start.p_OC
     arm = run_text("a_base", text, tmp_path).summary["coordinates"]["arm"]
     assert arm["fingers"] == [0, 1, 2, 3, 4]
     np.testing.assert_allclose(arm["goals"], np.hypot(p_OC[:, 0], p_OC[:, 1]), atol=0.005)

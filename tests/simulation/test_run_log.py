@@ -5,7 +5,7 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from drake_pregrasp import load_scenario
+from drake_pregrasp import load_scenario, resolve
 from drake_pregrasp.errors import OutputError
 from drake_pregrasp.simulation.run import LoggedRun
 from drake_pregrasp.simulation.run_log import CsvLog, RunLog
@@ -16,7 +16,7 @@ ESTIMATED = ("x_wo_estimated", "y_wo_estimated", "z_wo_estimated")
 
 def test_columns_are_read_back_to_the_last_digit(tmp_path):
     ticks, scenario = [], load_scenario("a_base", text="{simulation_duration: 0.2}")
-    logged = LoggedRun(scenario, tmp_path, on_tick=ticks.append)
+    logged = LoggedRun(resolve(scenario), tmp_path, on_tick=ticks.append)
     logged.simulate()
     time, c1_y, x_wo = logged.log.read("time", "c1_y", "x_wo")
     assert time.tolist() == [tick.time for tick in ticks]
@@ -35,9 +35,9 @@ def test_measures_are_those_of_contacts_that_are_active_at_both_ticks(tmp_path):
         damage: [{at: 0.4, contacts: [1], until: 0.7}]
     """
     scenario = load_scenario("returning_finger", text=text)
-    logged = LoggedRun(scenario, tmp_path)
+    logged = LoggedRun(resolve(scenario), tmp_path)
     logged.simulate()
-    n, read = scenario.num_contacts, logged.log.read
+    n, read = resolve(scenario).num_contacts, logged.log.read
     points = np.array([read(*(f"c{i}_{axis}" for axis in "xyz")) for i in range(n)])
     active = np.array(read(*(f"c{i}_active" for i in range(n)))) > 0
     steps = np.linalg.norm(np.diff(points), axis=1)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drake_pregrasp import ScenarioError, box_surface, load_scenario
+from drake_pregrasp import ScenarioError, box_surface, load_resolved, load_scenario, resolve
 from drake_pregrasp.config.surface_config import MAX_BOX_POINTS
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.box_surface import MAX_POINTS
@@ -11,7 +11,7 @@ from drake_pregrasp.simulation.scenario_check import check_recording
 
 def test_a_recording_that_is_too_large_is_refused():
     scenario = load_scenario("a_base")
-    surface = scenario.make_surface()
+    surface = resolve(scenario).surface
     check_recording("scenario", scenario, surface)
     scenario.recording.publish_period = 1e-4
     with pytest.raises(ScenarioError, match=r"publish_period: 0.0001 makes 6e\+05 frames"):
@@ -29,13 +29,4 @@ def test_points_of_a_box_are_counted_before_they_are_made():
         box_surface([0.1, 0.1, 0.1], spacing=0.01, max_points=100)
     text = "{object: {size: [0.25, 0.25, 0.25]}, surface: {spacing: 0.001}}"
     with pytest.raises(ScenarioError, match=rf"surface.spacing: .* at most {MAX_BOX_POINTS};"):
-        load_scenario("a_base", text=text)
-
-
-def test_a_surface_is_made_once_until_something_changes():
-    scenario = load_scenario("a_base")
-    first = scenario.make_surface()
-    assert scenario.make_surface() is first
-    assert scenario.make_surface(0.02) is not first
-    scenario.surface.forbidden_radius = 0.01
-    assert scenario.make_surface() is not first
+        load_resolved("a_base", text=text)

@@ -5,12 +5,12 @@ import pytest
 import yaml
 from conftest import slow, usable_scenarios
 
-from drake_pregrasp import Scenario, ScenarioError, load_scenario, shipped_scenarios
+from drake_pregrasp import Scenario, ScenarioError, load_resolved, load_scenario, shipped_scenarios
 from drake_pregrasp.config.object_config import PoseStream
 from drake_pregrasp.resources import resolve_path, resource_folder
 from drake_pregrasp.simulation.scenario_file import (
-    check_scenario,
     dump_scenario,
+    resolve,
     scenario_data,
     scenario_from_data,
 )
@@ -49,7 +49,7 @@ def refusal(folder, content):
     file = folder / "bad.yaml"
     file.write_bytes(content if isinstance(content, bytes) else content.encode())
     with pytest.raises(ScenarioError) as caught:
-        load_scenario(file=file)
+        load_resolved(file=file)
     message = str(caught.value)
     assert message.startswith(str(file))
     assert "\n" not in message
@@ -78,7 +78,7 @@ def test_texts_override_single_keys_and_are_checked(tmp_path):
     with pytest.raises(ScenarioError, match=r"^scenario text: planner.period: -1 must"):
         load_scenario("a_base", text="{planner: {period: -1}}")
     with pytest.raises(ScenarioError, match=r"with scenario text: a_base.contact_weights"):
-        load_scenario("a_base", text="{contact_weights: [1.0]}")
+        load_resolved("a_base", text="{contact_weights: [1.0]}")
 
 
 FIRST = {file: name for name, (file, _) in reversed(shipped_scenarios().items())}.values()
@@ -138,7 +138,7 @@ def test_a_file_is_looked_for_beside_the_scenario(tmp_path, monkeypatch):
     monkeypatch.chdir(stream.parent)
     text = "{motion: !PoseStream {file: poses.csv}}"
     made = Scenario(motion=PoseStream(file="poses.csv"))
-    check_scenario(made)
+    resolve(made)
     for found in (scenario, load_scenario(file=copy), load_scenario("a_base", text=text), made):
         assert found.motion.file == str(stream)
 

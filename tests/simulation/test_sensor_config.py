@@ -45,5 +45,5 @@ def test_a_run_has_the_faults_of_its_scenario_and_its_seed(tmp_path):
     differs = np.any([logs[0][key] != logs[1][key] for key in keys], axis=0)
     assert not np.any(differs[:120])
     assert np.any(differs[120:])
-    sensor = make_diagram(faulty, faulty.make_surface()).GetSubsystemByName("pose_sensor")
+    sensor = make_diagram(faulty).GetSubsystemByName("pose_sensor")
     assert sensor.CreateDefaultContext().get_numeric_parameter(0)[0] == 5

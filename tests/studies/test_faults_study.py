@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from pydrake.math import RigidTransform, RotationMatrix
 
-from drake_pregrasp import TrackingStatus, load_scenario
+from drake_pregrasp import TrackingStatus, load_scenario, resolve
 from drake_pregrasp.cli import main
 from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.studies import faults, filter_consistency
@@ -18,8 +18,8 @@ from drake_pregrasp.studies.filter_consistency import FILTERS, TICKS, band
 from drake_pregrasp.systems.loggers import TickRecord
 
 SCENARIO = load_scenario("fault_outliers")
-SURFACE = SCENARIO.make_surface()
-P_OC = SCENARIO.initial_p_OC(SURFACE)
+RESOLVED = resolve(SCENARIO)
+SURFACE, P_OC = RESOLVED.surface, RESOLVED.start.p_OC
 
 
 def records(offset=lambda time: 0.0, turn=lambda time: 0.0, off_surface=lambda time: 0.0):
@@ -38,7 +38,7 @@ def records(offset=lambda time: 0.0, turn=lambda time: 0.0, off_surface=lambda t
 
 
 def found(**errors):
-    return SimpleNamespace(**faults.summarize_faults(SCENARIO, SURFACE, records(**errors)))
+    return SimpleNamespace(**faults.summarize_faults(RESOLVED, records(**errors)))
 
 
 def test_a_perfect_run_is_valid_and_has_nothing_to_recover_from():

@@ -12,7 +12,7 @@ import pytest
 from drake_pregrasp.cli import main
 from drake_pregrasp.config.object_config import Box, Cylinder, Mesh
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.simulation.hand_file import load_hand_model
+from drake_pregrasp.simulation.hand_file import load_hand, made_hand
 from drake_pregrasp.studies.objects import object_sets, objects_command
 from drake_pregrasp.studies.objects.object_report import cause_table, share_table
 from drake_pregrasp.studies.objects.object_sets import drawn_objects, fits, opening
@@ -60,7 +60,7 @@ def test_objects_fit_if_some_width_is_in_the_opening_and_a_tip_reaches_under_the
     assert not fits(Cylinder(0.005, 0.1).make_shape(), limits)
     assert not fits(Box([0.2, 0.05, 0.012]).make_shape(), limits)
     # Two fingertips of the shipped hand have held boxes of 206 mm.
-    least, largest = opening(load_hand_model(object_sets.hand_file(HAND)))
+    least, largest = opening(made_hand(load_hand(object_sets.hand_file(HAND))))
     assert least == pytest.approx(0.018)
     assert 0.206 < largest < 0.4
 

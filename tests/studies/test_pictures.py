@@ -9,7 +9,7 @@ from PIL import Image
 from pydrake.geometry import Rgba, SceneGraph, Sphere
 from pydrake.math import RigidTransform
 
-from drake_pregrasp import ContactStatus, load_scenario
+from drake_pregrasp import ContactStatus, load_resolved, load_scenario
 from drake_pregrasp.studies import gallery, pictures, shape_study
 from drake_pregrasp.studies.film import film_scenario
 from drake_pregrasp.studies.gallery import FRAME_TIME, describe_limits, film_grasp, make_gallery
@@ -97,7 +97,7 @@ def test_a_film_shows_regions_at_the_rate_of_its_frames():
 def test_a_film_of_any_scenario_is_slow_at_its_event(tmp_path):
     """Contacts adapt after 2 s; the motion before and after it is shown in fewer pictures."""
     text = "{simulation_duration: 4.0, planner: {static_duration: 2.0}}"
-    path = film_scenario(load_scenario("a_base", text=text), "a_base", tmp_path)
+    path = film_scenario(load_resolved("a_base", text=text), "a_base", tmp_path)
     with Image.open(path) as film:
         pictures_near_event = 0.8 / 0.025
         others = (4.0 - 0.8) / 0.4

@@ -314,7 +314,7 @@ def test_shipped_sweeps_load(name):
 FILES_STUDY = """
 scenario: a_base
 grid:
-  grasp.hand: [hand/own.yaml]
+  hand.file: [hand/own.yaml]
   object: [!Mesh {file: m.gltf}, !Box {}, !Mesh {file: missing.obj}]
 random:
   motion: {choice: [!PoseStream {file: one.csv}, !PoseStream {file: sub/two.csv}]}

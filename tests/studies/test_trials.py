@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspState
 from drake_pregrasp.quality.grasp_quality import grasp_quality
 from drake_pregrasp.regions.constraints import Obstacles
+from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.studies.static_versus_dynamic import grasp_outcome, methods
 from drake_pregrasp.studies.static_versus_dynamic.baseline_goals import (
     RayTarget,
@@ -42,19 +44,18 @@ TARGET = RayTarget(CUBE, CORNERS, np.zeros(3))
 
 @pytest.mark.parametrize("condition", CONDITIONS.values(), ids=CONDITIONS)
 def test_starts_are_those_of_the_seed_apart_and_in_reach(condition):
-    scenario, surface = condition.scenario, condition.scenario.make_surface()
-    low, high = scenario.grasp.yaw_range
+    low, high = condition.scenario.scenario.grasp.yaw_range
     seen = []
     for seed in range(3):
-        start = random_start(scenario, surface, HAND, seed=seed)
-        again = random_start(scenario, surface, HAND, seed=seed)
-        np.testing.assert_array_equal(start.p_OC, again.p_OC)
+        drawn, again = (random_start(condition.scenario, seed=seed).resolved for _ in range(2))
+        start, damage = drawn.start, drawn.scenario.damage
+        np.testing.assert_array_equal(start.p_OC, again.start.p_OC)
         distances = np.linalg.norm(start.p_OC[:, None] - start.p_OC, axis=2) + np.eye(5)
         assert np.min(distances) >= 0.024
         aside = wrapped(np.arctan2(start.p_OC[:, 1], start.p_OC[:, 0]) - AROUND - start.yaw)
         assert np.all(np.abs(aside) <= HAND.largest_offsets + 1e-4)
         assert low <= start.yaw <= high
-        lost = [finger for _, fingers in start.losses for finger in fingers]
+        lost = [finger for event in damage for finger in event.contacts]
         assert len(set(lost)) == {"one_lost": 1, "two_lost": 2}.get(condition.key, 0)
         seen.append(start.p_OC)
     assert not np.array_equal(seen[0], seen[1])
@@ -111,8 +112,8 @@ def stationary_hand(close, *, obstacles=(), yaw=0.3):
         X_WO_estimated=X_WO,
         contact_weights=[0, 0, 0, 0, -np.inf],
         obstacles=Obstacles(tuple(obstacles)),
-        close=[float(close)],
     )
+    system.set_time(driven.context, 0.0 if close else np.inf)
     return driven.eval("fingertip_targets"), driven.eval("contact_status"), X_WO
 
 
@@ -252,7 +253,7 @@ def outcome_of(records, condition="nominal", samples=(), reason=GiveUp.NONE):
     first = GraspState.first(5, GraspConfig().make_settings())
     state = dataclasses.replace(first, active=np.array([True] * 4 + [False]), reason=reason)
     radii = np.full(5, 0.009)
-    scenario = CONDITIONS[condition].scenario
+    scenario = CONDITIONS[condition].scenario.scenario
     return grasp_outcome.grasp_outcome(scenario, 2.0, records, samples, state, radii)
 
 
@@ -341,6 +342,34 @@ def test_each_method_can_be_tracked_and_set_back(method):
     for sample in trial.samples:
         assert sample.distance >= 0  # Of active goals.
         assert sample.active + sample.withdrawn == 5
+
+
+def graph(diagram):
+    """Names of systems, and connections from and to their ports."""
+    name = {system: system.get_name() for system in diagram.GetSystems()}
+    links = {
+        (
+            f"{name[source]}.{source.get_output_port(k).get_name()}",
+            f"{name[target]}.{target.get_input_port(j).get_name()}",
+        )
+        for (target, j), (source, k) in diagram.connection_map().items()
+    }
+    return set(name.values()), links
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", METHODS)
+def test_the_diagram_of_a_method_is_that_of_a_run_but_for_the_source_of_goals(method):
+    trial = make_trial(TrialJob("turning", method, 0))
+    run = make_diagram(replace(trial.resolved, planner=CONDITIONS["turning"].scenario.planner))
+    (systems, links), (known, usual) = graph(trial.diagram), graph(run)
+    assert systems - known <= {"goal_source", "grasp_logger"}
+    assert known <= systems
+    goals = {f"hand_controller.{port}" for port in ("fingertip_targets", "contact_status")}
+    for source, target in links ^ usual:
+        own = {source.split(".")[0], target.split(".")[0]}
+        is_reach = target == "pregrasp_planner.X_WH"  # Methods without a reach do not read it.
+        assert own & {"goal_source", "grasp_logger"} or target in goals or is_reach
 
 
 @pytest.mark.slow

@@ -150,7 +150,7 @@ def partition(surface, p_OC, inputs=None, X=X_WO, **settings):
 # Systems of an object at X_G, with two values for each port: a sound one, and another.
 
 SURFACE = dp.box_surface([0.1, 0.1, 0.1], spacing=0.01)
-P_OC = dp.load_scenario("a_base").initial_p_OC(SURFACE)
+P_OC = dp.resolve(dp.load_scenario("a_base")).start.p_OC
 OTHER = P_OC * [1, -1, 1]
 X_G = RigidTransform([0.3, -0.2, 0.1])
 TURNED = RigidTransform(RollPitchYaw(0.1, -0.2, 0.3), [0.02, 0.03, 0.01])

@@ -43,7 +43,7 @@ def made_diagrams():
     for name in SCENARIOS:
         scenario = load_scenario(name)
         sinks = {"sink": print, "grasp_sink": print}
-        yield make_diagram(scenario, scenario.make_surface(), meshcat=meshcat, **sinks)
+        yield make_diagram(scenario, meshcat=meshcat, **sinks)
 
 
 @pytest.fixture(scope="module")

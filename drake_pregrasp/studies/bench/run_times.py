@@ -15,9 +15,9 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, LeafSystem
 
 from drake_pregrasp.errors import ScenarioError
+from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.run import LoggedRun
-from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.simulation.scenario_file import load_scenario, resolve
+from drake_pregrasp.simulation.scenario_file import load_resolved
 from drake_pregrasp.studies.bench.tick_times import chosen, implementations, tick_columns
 
 _TURN, _WARM_UP = 20, 3  # Planning ticks of a turn, and its first ones, which do not count.
@@ -82,8 +82,8 @@ class _TickTimer(LeafSystem):
 class _TimedRun:
     """Simulation of a scenario that logs as a run does, and advances tick by tick."""
 
-    def __init__(self, scenario: Scenario, folder: Path, stack: ExitStack) -> None:
-        logged = LoggedRun(resolve(scenario), folder)
+    def __init__(self, resolved: ResolvedScenario, folder: Path, stack: ExitStack) -> None:
+        logged, scenario = LoggedRun(resolved, folder), resolved.scenario
         for log in filter(None, (logged.log, logged.grasp_log)):
             stack.enter_context(log)
         builder, self._period = DiagramBuilder(), scenario.planner.period
@@ -111,12 +111,13 @@ def time_run(job: RunJob) -> list[dict[str, Any]]:
     installed, the only row says so.
     """
     try:
-        scenario = load_scenario(job.scenario, text=job.text)
+        resolved = load_resolved(job.scenario, text=job.text)
     except ScenarioError as error:
         if "pip install" not in error.problem:  # So a missing extra is named.
             raise
         return [{"run": job.name, "not run": error.problem}]
-    scenario.planner.static_duration = 0.0
+    resolved.planner.static_duration = 0.0  # Contacts adapt from the start.
+    scenario = resolved.scenario
     period = scenario.planner.period
     ticks = min(job.ticks, int(scenario.simulation_duration / period))
     counts = np.arange(ticks) % _TURN >= _WARM_UP
@@ -125,7 +126,7 @@ def time_run(job: RunJob) -> list[dict[str, Any]]:
         for name in implementations():
             (Path(folder) / name).mkdir()
             with chosen(name):
-                runs[name] = _TimedRun(scenario, Path(folder) / name, stack)
+                runs[name] = _TimedRun(resolved, Path(folder) / name, stack)
         for begin in range(0, ticks, _TURN):
             for run in runs.values():
                 for _ in range(begin, min(begin + _TURN, ticks)):

@@ -100,7 +100,9 @@ def compare_methods(
     Raises:
         OutputError: If the folder cannot be used, or has rows of other settings.
     """
-    settings = {key: scenario_data(condition.scenario.scenario) for key, condition in CONDITIONS.items()}
+    settings = {
+        key: scenario_data(condition.scenario.scenario) for key, condition in CONDITIONS.items()
+    }
     found = run_jobs(
         run,
         jobs,
