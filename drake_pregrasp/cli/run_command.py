@@ -77,6 +77,7 @@ def print_result(result: RunResult, *, recorded: bool) -> None:
         recorded: Whether there is a recording.
     """
     summary = result.summary
+    print(f"kernels     {summary['kernels']}")
     factor, tick_ms = summary["real_time_factor"], summary["tick_time_p50_ms"]
     if result.replaced:
         print("replaced    the earlier run in this folder")

@@ -10,13 +10,13 @@ from drake_pregrasp.contacts.goal_limits import ContactLimits, Pair
 from drake_pregrasp.contacts.quality_guard import GUARDS, guard_measure
 from drake_pregrasp.contacts.reassignment import ReassignmentRule
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.fast import fast_largest_minimum, fast_slip_radii
 from drake_pregrasp.geometry.box_surface import BOX_FACES
 from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.solids import BallSolid, Solid
+from drake_pregrasp.quality.force_closure import LargestMinimum, largest_minimum
 from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
 from drake_pregrasp.regions.finger_reach import FingerReach
-from drake_pregrasp.regions.independent_regions import slip_radii_within
+from drake_pregrasp.regions.independent_regions import SlipRadii, slip_radii_within
 
 _HALF_TURN = 3.1416  # Largest angle between two directions, in radians.
 
@@ -177,16 +177,23 @@ class LimitsConfig:
         """Returns the least value of each of the `FINGER_MEASURES`, shape (5,); 0 for no limit."""
         return np.array([getattr(self, name) for name in FINGER_MEASURES])
 
-    def make_limits(self, period: float, friction: float) -> ContactLimits:
+    def make_limits(
+        self,
+        period: float,
+        friction: float,
+        *,
+        slip_radii: SlipRadii = slip_radii_within,
+        solve: LargestMinimum = largest_minimum,
+    ) -> ContactLimits:
         """Returns the limits on goals that are planned at a constant rate.
 
         Args:
             period: Seconds between planning ticks.
             friction: Coulomb's coefficient, for the guards of force closure.
+            slip_radii: Implementation of `slip_radii_within`.
+            solve: Implementation of `largest_minimum`.
         """
         steps, radius = [self.max_step, self.max_speed * period], self.independent_radius
-        slip_radii = fast_slip_radii() if radius > 0 else slip_radii_within  # Compiled if needed.
-        solve = fast_largest_minimum() if "margin" in self.guard else None
         return ContactLimits(
             max_step=min((step for step in steps if step > 0), default=np.inf),
             deadband=self.deadband,

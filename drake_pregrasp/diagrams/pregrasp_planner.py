@@ -8,6 +8,8 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.contacts.selection_input import WeightFunction
 from drake_pregrasp.diagrams.wiring import connect, export_inputs, export_outputs
+from drake_pregrasp.fast import default_kernels
+from drake_pregrasp.fast.kernels import Kernels
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.finger_measures import FingerMeasures
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
@@ -68,7 +70,13 @@ class PregraspPlanner(Diagram):
         fingertip_frames: Names for `fingertip_targets`; see `CentroidSelector`.
         weight_function: A strategy of your own; see `CentroidSelector`.
         finger_measures: Measures of a hand's fingers; see `SafeRegionPartitioner`.
+        kernels: Implementation of what takes most of a tick; that of `default_kernels` by default.
+
+    Attributes:
+        kernels: Implementation that the planner uses.
     """
+
+    kernels: Kernels
 
     def __init__(
         self,
@@ -79,17 +87,23 @@ class PregraspPlanner(Diagram):
         fingertip_frames: Sequence[str] | None = None,
         weight_function: WeightFunction | None = None,
         finger_measures: FingerMeasures | None = None,
+        kernels: Kernels | None = None,
     ) -> None:
         super().__init__()
-        builder = DiagramBuilder()
+        self.kernels = kernels = kernels or default_kernels()
+        builder, p_OCoM = DiagramBuilder(), surface.p_OCoM
         estimator = builder.AddNamedSystem(
             "pose_estimator",
-            PoseEstimator(config.estimator, period=config.period, p_OCoM=surface.p_OCoM),
+            PoseEstimator(config.estimator, period=config.period, p_OCoM=p_OCoM, kernels=kernels),
         )
         partitioner = builder.AddNamedSystem(
             "safe_region_partitioner",
             SafeRegionPartitioner(
-                config, surface=surface, num_contacts=len(p_OC), finger_measures=finger_measures
+                config,
+                surface=surface,
+                num_contacts=len(p_OC),
+                finger_measures=finger_measures,
+                kernels=kernels,
             ),
         )
         selector = builder.AddNamedSystem(
@@ -100,6 +114,7 @@ class PregraspPlanner(Diagram):
                 p_OC=p_OC,
                 fingertip_frames=fingertip_frames,
                 weight_function=weight_function,
+                kernels=kernels,
             ),
         )
         connect(builder, estimator, "X_WO_estimated V_WO_estimated", partitioner)

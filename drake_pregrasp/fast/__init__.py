@@ -1,8 +1,8 @@
 """An optional compiled implementation of what takes most of a tick, the extra `fast` (numba).
 
 Each function has a reference, with which it agrees: labels but for ties, goals within 1e-9 of the
-object's size, estimates to rounding. Systems choose once, by the functions below; without numba
-these return the reference, or None for it.
+object's size, estimates to rounding. `default_kernels` chooses one of the two for a planner, which
+passes it to its systems.
 
 | here | reference |
 |---|---|
@@ -44,94 +44,31 @@ region are copied next to each other, and loops run over many of them without br
 compiler makes vector instructions of them. Blends add up the weights of their strategies.
 
 **Compilation.** Functions with signatures are compiled when they are imported, that is when a
-system is made, never in a tick; only the strategies that a planner has are imported. Functions
+planner is made, never in a tick; only the strategies that a planner has are imported. Functions
 without signatures become part of those that call them. All use single elements of arrays, since
 array expressions take many times as long to compile. A literal argument makes numba compile a
 function once more.
 """
 
-import functools
-import importlib
 import importlib.util
 import os
-from collections.abc import Mapping
-from typing import Any
 
-from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.contacts.selection_input import GoalFunction
-from drake_pregrasp.estimation.pose_track import FilterStep
-from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.quality.force_closure import LargestMinimum, largest_minimum
-from drake_pregrasp.regions.constraints import LimitFunction, Predicates
-from drake_pregrasp.regions.independent_regions import SlipRadii, slip_radii_within
-from drake_pregrasp.regions.safe_regions import LabelCandidates
+from drake_pregrasp.fast.kernels import REFERENCE, Kernels
 
 SWITCH = "DRAKE_PREGRASP_FAST"
 """Environment variable; the value 0 chooses the reference even if numba is installed."""
 
 
-@functools.cache
 def numba_is_installed() -> bool:
     """Returns whether numba, the extra `fast`, can be imported, without importing it."""
     return importlib.util.find_spec("numba") is not None
 
 
-def _compiled(module: str, name: str) -> Any:
-    """Returns what a module of this folder compiles, or None if the reference is chosen."""
-    if not numba_is_installed() or os.environ.get(SWITCH) == "0":
-        return None
+def default_kernels() -> Kernels:
+    """Returns the compiled functions if numba is installed and `SWITCH` is not 0."""
+    if os.environ.get(SWITCH) == "0" or not numba_is_installed():
+        return REFERENCE
     # Imported only here, because numba takes a third of a second.
-    return getattr(importlib.import_module(f"{__name__}.{module}"), name)
+    from drake_pregrasp.fast.compiled_kernels import COMPILED
 
-
-def fast_labels(q: FloatArray, nhat: FloatArray) -> LabelCandidates | None:
-    """Returns `label_candidates` compiled for the candidates of a surface, or None without numba.
-
-    Args:
-        q: Candidate points, shape (N, d), in metres.
-        nhat: Outward unit normals at the candidates, shape (N, 3).
-    """
-    candidates = _compiled("labels", "CompactCandidates")
-    return candidates(q, nhat).label if candidates else None
-
-
-def fast_surface(surface: ObjectSurface) -> ObjectSurface:
-    """Returns a surface whose projection is compiled, or the same surface without numba."""
-    compiled = _compiled("projection", "CompiledSurface")
-    return compiled.of(surface) if compiled else surface
-
-
-def fast_limits() -> LimitFunction:
-    """Returns `Predicates.limits_at` compiled, or the reference without numba."""
-    return _compiled("predicates", "compiled_limits_at") or Predicates.limits_at
-
-
-def fast_goals(
-    surface: ObjectSurface, weights: Mapping[str, float], **options: Any
-) -> GoalFunction | None:
-    """Returns `region_goals` or `best_points` compiled for a surface, or None without numba.
-
-    Args:
-        surface: The object's surface.
-        weights: Weights of the strategies in a blend, by name; one for a single strategy.
-        options: Arguments of `make_blend`, and `best_point`.
-    """
-    goals = _compiled("goals", "CompiledGoals")
-    return goals(surface, weights, **options) if goals else None
-
-
-def fast_slip_radii() -> SlipRadii:
-    """Returns `slip_radii_within` of hard fingers compiled, or the reference without numba."""
-    return _compiled("margins", "compiled_slip_radii") or slip_radii_within
-
-
-def fast_largest_minimum() -> LargestMinimum | None:
-    """Returns `largest_minimum` compiled, or None without numba."""
-    compiled = _compiled("compiling", "compiled")
-    return compiled("f8(f8[:,::1])")(largest_minimum) if compiled else None
-
-
-def fast_filter_step() -> FilterStep | None:
-    """Returns the filter's steps compiled, or None without numba."""
-    steps = _compiled("pose_steps", "CompiledFilterStep")
-    return steps() if steps else None
+    return COMPILED

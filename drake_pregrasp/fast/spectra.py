@@ -13,7 +13,7 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import MEASURES, RANK_TOLERANCE
 from drake_pregrasp.fast.compiling import GROUP, compiled
-from drake_pregrasp.fast.goals import Members
+from drake_pregrasp.fast.members import Members
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.grasp_quality import contact_blocks
 

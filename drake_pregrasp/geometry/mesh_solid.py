@@ -34,21 +34,12 @@ class MeshSolid(SignedDistance):
     def of(mesh: trimesh.Trimesh) -> "MeshSolid":
         """Returns the body inside a closed mesh with outward normals, in the mesh's frame.
 
-        The newest bodies are cached.
-
         Args:
             mesh: The mesh, in metres.
         """
-        key = mesh.vertices.tobytes(), mesh.faces.tobytes()
-        solid = _kept.pop(key, None)
-        if solid is None:
-            hull, surface = mesh.convex_hull, distance_grid(mesh)
-            around = surface if mesh.is_convex else distance_grid(hull, _COARSE)
-            solid = MeshSolid(surface, around, np.array(hull.vertices), np.eye(3), np.zeros(3))
-        _kept[key] = solid  # The newest is last.
-        for oldest in list(_kept)[:-_MOST_KEPT]:
-            del _kept[oldest]
-        return solid
+        hull, surface = mesh.convex_hull, distance_grid(mesh)
+        around = surface if mesh.is_convex else distance_grid(hull, _COARSE)
+        return MeshSolid(surface, around, np.array(hull.vertices), np.eye(3), np.zeros(3))
 
     def distance_and_gradient(self, p_FP: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See `SignedDistance`."""
@@ -66,7 +57,3 @@ class MeshSolid(SignedDistance):
     def hull(self) -> "MeshSolid":
         """See `SignedDistance`."""
         return self if self.surface is self.around else replace(self, surface=self.around)
-
-
-_kept: dict[tuple[bytes, bytes], MeshSolid] = {}
-_MOST_KEPT = 2

@@ -3,7 +3,6 @@
 Only files of the package are read; none of its code is imported.
 """
 
-import functools
 import importlib.util
 from pathlib import Path
 
@@ -37,7 +36,6 @@ def object_url(index: int) -> str:
     return f"{OBJECTS_URL}{index:03d}.obj"
 
 
-@functools.lru_cache(maxsize=8)
 def random_object(url: str, scale: float = 1.0) -> Shape:
     """Returns a random object in a frame O at its centre of mass, with z upward.
 

@@ -75,7 +75,7 @@ def min_weight_margin(
     )
     # With torques in this unit, tolerances have the same meaning for objects of any size.
     W[3:] /= longest_arm(p_CoMC)
-    return (solve or largest_minimum)(W)
+    return (solve or largest_minimum)(np.ascontiguousarray(W))
 
 
 def largest_minimum(W: FloatArray) -> float:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -28,11 +27,8 @@ class HalfSpaces:
     causes: IntArray
 
 
-@lru_cache(maxsize=64)
 def counted(limit: Limit, count: int, first: int = 0) -> tuple[IntArray, IntArray]:
     """Returns the `limits` and `causes` of half-spaces of one limit with causes that count up.
-
-    All callers share these arrays: do not change them.
 
     Args:
         limit: The limit.

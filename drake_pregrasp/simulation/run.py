@@ -129,6 +129,7 @@ def run(
             name,
             resolved,
             logged.log,
+            kernels=logged.diagram.GetSubsystemByName("pregrasp_planner").kernels.name,
             wall_seconds=logged.wall_seconds,
             completed=logged.completed,
         )

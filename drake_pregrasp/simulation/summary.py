@@ -201,6 +201,7 @@ def summarize(
     resolved: ResolvedScenario,
     log: RunLog,
     *,
+    kernels: str,
     wall_seconds: float,
     completed: bool,
 ) -> dict[str, Any]:
@@ -229,6 +230,7 @@ def summarize(
         "scenario": name,
         "seed": scenario.random_seed,
         "completed": completed,
+        "kernels": kernels,
         "versions": _versions(),
         "static": _measures(measured, static, np.mean),
         "max": _measures(measured, adapting, np.max),

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
@@ -16,12 +17,14 @@ from drake_pregrasp.contacts.reassignment import reassigned_goals, surface_symme
 from drake_pregrasp.contacts.selection_input import (
     ContactGoals,
     ContactStatus,
+    GoalFunction,
     SelectionInput,
     WeightFunction,
 )
 from drake_pregrasp.contacts.strategies import BLEND, make_blend, make_strategy
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.fast import fast_goals, fast_limits, fast_surface
+from drake_pregrasp.fast import default_kernels
+from drake_pregrasp.fast.kernels import Kernels
 from drake_pregrasp.geometry.rotations import skew
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.regions.constraints import NO_CAUSE
@@ -103,6 +106,7 @@ class CentroidSelector(LeafSystem):
         weight_function: A strategy of your own, in place of `config.strategy`: maps a
             `SelectionInput` and the index i of a contact to log(b_n) of the candidates in its safe
             region, shape (k,).
+        kernels: Implementation of what takes most of a tick; that of `default_kernels` by default.
 
     Raises:
         InvalidArgumentError: If an argument or a field of `config` is out of its range.
@@ -117,9 +121,10 @@ class CentroidSelector(LeafSystem):
         p_OC: FloatArray,
         fingertip_frames: Sequence[str] | None = None,
         weight_function: WeightFunction | None = None,
+        kernels: Kernels | None = None,
     ) -> None:
         super().__init__()
-        config = checked(config or PlannerConfig())
+        config, kernels = checked(config or PlannerConfig()), kernels or default_kernels()
         p_OC = np.array(p_OC, dtype=float)
         if p_OC.ndim != 2 or p_OC.shape[1] != 3 or len(p_OC) == 0:
             raise InvalidArgumentError(f"p_OC must have shape (n, 3), n >= 1, not {p_OC.shape}")
@@ -135,7 +140,7 @@ class CentroidSelector(LeafSystem):
             raise InvalidArgumentError(f"{n} contacts need {n} fingertip frames")
         names = ("reading", "contact_model", "length", "stretch", "power", "friction")
         options = {name: getattr(config, name) for name in names}
-        self._fast_goals = None
+        self._region_goals: GoalFunction | None = None
         if weight_function is None:
             weights = {config.strategy: 1.0}
             if config.strategy == BLEND:
@@ -143,12 +148,18 @@ class CentroidSelector(LeafSystem):
                 weight_function = make_blend(weights, **options)
             else:
                 weight_function = make_strategy(config.strategy, **options)
-            best = config.best_point
-            self._fast_goals = fast_goals(surface, weights, **options, best_point=best)
+            if kernels.goals is not None:
+                best = config.best_point
+                self._region_goals = kernels.goals(surface, weights, **options, best_point=best)
         self._strategy = weight_function
-        self._config, self._surface = config, fast_surface(surface)
-        self._limits_at = fast_limits()
-        self._limits = config.limits.make_limits(config.period, config.friction)
+        self._config, self._surface = config, kernels.surface(surface)
+        self._limits_at = kernels.limits_at
+        own, implementations = config.limits, dict[str, Any]()  # Compiled only if they are needed.
+        if own.independent_radius > 0:
+            implementations["slip_radii"] = kernels.slip_radii()
+        if "margin" in own.guard:
+            implementations["solve"] = kernels.largest_minimum()
+        self._limits = own.make_limits(config.period, config.friction, **implementations)
 
         self._rule = config.limits.reassign
         self._rule.check(config.limits.reaches(), bool(config.limits.pairs))
@@ -236,7 +247,7 @@ class CentroidSelector(LeafSystem):
                 best_point=config.best_point,
                 in_turns=config.in_turns,
                 limits=self._limits,
-                choose=self._fast_goals,
+                choose=self._region_goals,
             )
         since = time - context.get_discrete_state(self._reassigned_index)[0]
         if self._rule.beyond > 0 and since >= self._rule.every - SLACK * config.period:

@@ -28,7 +28,8 @@ from drake_pregrasp.estimation.pose_track import (
     tracking_status,
 )
 from drake_pregrasp.estimation.pose_tracker import OLDEST, update_track
-from drake_pregrasp.fast import fast_filter_step
+from drake_pregrasp.fast import default_kernels
+from drake_pregrasp.fast.kernels import Kernels
 from drake_pregrasp.geometry.rotations import skew
 from drake_pregrasp.systems.ports import POSE, VELOCITY, declare_cache, declare_output
 
@@ -105,6 +106,7 @@ class PoseEstimator(LeafSystem):
         config: Assumptions of the filter; `EstimatorConfig()` by default.
         period: Seconds between measurements, greater than zero.
         p_OCoM: The object's centre of mass in O, shape (3,), in metres; zero by default.
+        kernels: Implementation of the filter's steps; that of `default_kernels` by default.
 
     Raises:
         InvalidArgumentError: If an argument or a field of `config` is out of its range.
@@ -116,6 +118,7 @@ class PoseEstimator(LeafSystem):
         *,
         period: float,
         p_OCoM: FloatArray | None = None,
+        kernels: Kernels | None = None,
     ) -> None:
         super().__init__()
         config = checked(config or EstimatorConfig())
@@ -131,19 +134,25 @@ class PoseEstimator(LeafSystem):
             raise InvalidArgumentError(f"p_OCoM must be three finite numbers, not {p_OCoM}")
         self._config, self._period, self._p_OCoM = config, period, place
         settings = tracker_settings(config, place if np.any(place) else None)
-        self._settings = replace(settings, step=fast_filter_step() or settings.step)
+        self._settings = replace(settings, step=(kernels or default_kernels()).filter_step())
         self._noise = self._settings.noise
         # The track also holds the belief before the measurements that may be newer.
         self._no_track = PoseTrack.empty(config.late_measurements + 1)
 
         self._unpack = unpacker(self._no_track)
-        self._last = b"", self._no_track
         self._time_index = self.DeclareDiscreteState(np.array([-np.inf]))
         self._track_index = self.DeclareDiscreteState(pack(self._no_track))
         self._X_WO_measured = self.DeclareAbstractInputPort("X_WO_measured", POSE)
         self._measurement_time = self.DeclareVectorInputPort("measurement_time", 1)
         self._V_WO_held = self.DeclareAbstractInputPort("V_WO_held", VELOCITY)
         time = self.time_ticket()
+        self._stored = declare_cache(
+            self,
+            "track of the last update",
+            self._no_track,
+            lambda context: self._unpack(context.get_discrete_state(self._track_index).value()),
+            self.discrete_state_ticket(self._track_index),
+        )
         self._track = track = declare_cache(
             self,
             "track at the Context's last tick",
@@ -176,8 +185,7 @@ class PoseEstimator(LeafSystem):
     def _calc_track(self, context: Context) -> PoseTrack:
         time = context.get_time()
         stored_time = context.get_discrete_state(self._time_index)[0]
-        vector, (known, track) = context.get_discrete_state(self._track_index).value(), self._last
-        track = track if vector.tobytes() == known else self._unpack(vector)
+        track: PoseTrack = self._stored.Eval(context)
         if tick_index(time, self._period) == tick_index(stored_time, self._period):
             return track
         X_WO: RigidTransform = self._X_WO_measured.Eval(context)
@@ -204,8 +212,7 @@ class PoseEstimator(LeafSystem):
     def _store_track(self, context: Context, discrete_state: DiscreteValues) -> None:
         discrete_state.set_value(self._time_index, [context.get_time()])
         track: PoseTrack = self._track.Eval(context)
-        discrete_state.set_value(self._track_index, vector := pack(track))
-        self._last = vector.tobytes(), track  # Saves unpacking if a state has these bytes.
+        discrete_state.set_value(self._track_index, pack(track))
 
     def _calc_estimate(self, context: Context) -> tuple[TrackingStatus, pose_filter.PoseBelief]:
         track: PoseTrack = self._track.Eval(context)

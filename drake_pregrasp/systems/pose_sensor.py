@@ -1,7 +1,5 @@
 """Noisy and possibly faulty measurements of the object's pose, and the noise that they use."""
 
-from functools import lru_cache
-
 import numpy as np
 from pydrake.common import RandomDistribution
 from pydrake.math import RigidTransform, RotationMatrix
@@ -26,16 +24,6 @@ from drake_pregrasp.systems.ports import POSE, Source, declare_cache, declare_ou
 
 MAX_SEED = 2**53
 """Largest seed: a numeric parameter is a float, which holds every integer up to this one."""
-
-
-_AT_ONCE = 8  # Ticks whose numbers are drawn at once: alone, a draw takes several times as long.
-
-
-@lru_cache(maxsize=16)
-def _drawn(seed: int, block: int, size: int) -> list[FloatArray]:
-    """Returns the numbers of each tick of a block of ticks."""
-    ticks = range(_AT_ONCE * block, _AT_ONCE * (block + 1))
-    return [np.random.default_rng((seed, tick)).standard_normal(size) for tick in ticks]
 
 
 def _declare_seed(system: LeafSystem, seed: int) -> tuple[NumericParameterIndex, DependencyTicket]:
@@ -81,8 +69,8 @@ class NoiseSource(LeafSystem):
 
     def _calc_noise(self, context: Context) -> FloatArray:
         seed = int(context.get_numeric_parameter(self._seed)[0])
-        block, rest = divmod(tick_index(context.get_time(), self._period) % 2**63, _AT_ONCE)
-        return _drawn(seed, block, self._size)[rest]
+        tick = tick_index(context.get_time(), self._period) % 2**63
+        return np.random.default_rng((seed, tick)).standard_normal(self._size)
 
 
 class NoisyPoseSensor(LeafSystem):

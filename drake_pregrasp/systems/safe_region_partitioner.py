@@ -18,7 +18,8 @@ from drake_pregrasp.arrays import (
 from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.config.validation import checked
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.fast import fast_labels, fast_surface
+from drake_pregrasp.fast import default_kernels
+from drake_pregrasp.fast.kernels import Kernels
 from drake_pregrasp.geometry.rotations import rotation_matrix
 from drake_pregrasp.geometry.sampling import lifted
 from drake_pregrasp.geometry.solids import BallSolid
@@ -111,6 +112,7 @@ class SafeRegionPartitioner(LeafSystem):
         num_contacts: Number of contacts n.
         finger_measures: Measures of the fingers in U, from `HandModel.finger_measures`; None if
             neither a weight nor a limit needs them.
+        kernels: Implementation of the labels; that of `default_kernels` by default.
 
     Raises:
         InvalidArgumentError: If a field of `config` is out of its range, a list in `limits` or of
@@ -125,9 +127,11 @@ class SafeRegionPartitioner(LeafSystem):
         surface: ObjectSurface,
         num_contacts: int,
         finger_measures: FingerMeasures | None = None,
+        kernels: Kernels | None = None,
     ) -> None:
         super().__init__()
-        config = checked(config or PlannerConfig())
+        config, kernels = checked(config or PlannerConfig()), kernels or default_kernels()
+        self._labels = kernels.labels
         limits = config.limits
         lists = {name: getattr(limits, name) for name in ("tip_radii", "reach", "forbidden_faces")}
         lists |= {f"coordinates[{j}].fingers": c.fingers for j, c in enumerate(config.coordinates)}
@@ -163,7 +167,7 @@ class SafeRegionPartitioner(LeafSystem):
             and not any(self._closed)
         )
         self._graph = SurfaceGraph(surface) if config.wall_test == "surface" else None
-        self._surface, self._num_contacts = fast_surface(surface), num_contacts
+        self._surface, self._num_contacts = kernels.surface(surface), num_contacts
         self._X_WO_estimated = self.DeclareAbstractInputPort("X_WO_estimated", ports.POSE)
         self._p_WC = self.DeclareVectorInputPort("p_WC", 3 * num_contacts)
         self._contact_weights = self.DeclareVectorInputPort("contact_weights", num_contacts)
@@ -189,7 +193,7 @@ class SafeRegionPartitioner(LeafSystem):
     def _make_candidates(self, values: FloatArray) -> _Candidates:
         is_known: BoolArray = np.logical_and.reduce(np.abs(values) <= FARTHEST)
         points = np.hstack([self._points, values[:, is_known]])
-        label = fast_labels(points, self._surface.nhat_OQ)
+        label = self._labels(points, self._surface.nhat_OQ)
         return points, is_known if is_known.any() else None, label
 
     def _calc_candidates(self, context: Context) -> _Candidates:

@@ -23,7 +23,7 @@ from drake_pregrasp.estimation.pose_filter import (
 )
 from drake_pregrasp.estimation.pose_track import MEASUREMENT_SIZE, FilterStep, PoseTrack
 from drake_pregrasp.estimation.pose_tracker import OLDEST, update_track
-from drake_pregrasp.fast import fast_filter_step
+from drake_pregrasp.fast import default_kernels
 
 SETTINGS = tracker_settings(EstimatorConfig(acceleration=1e-2, angular_acceleration=5e-2))
 NOISE = SETTINGS.noise
@@ -305,7 +305,7 @@ def test_the_noise_level_is_the_share_of_the_expected_noise(noise, low, high):
 
 
 DEFAULTS = tracker_settings(EstimatorConfig())
-DEFAULTS = replace(DEFAULTS, step=fast_filter_step() or DEFAULTS.step)
+DEFAULTS = replace(DEFAULTS, step=default_kernels().filter_step())
 X = np.array([1.0, 0.0, 0.0])
 
 

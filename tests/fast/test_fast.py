@@ -20,14 +20,8 @@ from drake_pregrasp.estimation.pose_filter import (
     first_belief,
 )
 from drake_pregrasp.estimation.pose_track import FilterStep
-from drake_pregrasp.fast import (
-    SWITCH,
-    fast_filter_step,
-    fast_goals,
-    fast_labels,
-    fast_largest_minimum,
-    fast_slip_radii,
-)
+from drake_pregrasp.fast import SWITCH, default_kernels
+from drake_pregrasp.fast.kernels import REFERENCE
 from drake_pregrasp.geometry.shapes import ball_shape
 from drake_pregrasp.quality.force_closure import min_weight_margin
 from drake_pregrasp.quality.grasp_quality import contact_blocks
@@ -36,10 +30,12 @@ from drake_pregrasp.regions.safe_regions import SafeRegions, compute_safe_region
 
 pytest.importorskip("numba", reason="numba is not installed (the extra [fast])")
 
+from drake_pregrasp.fast.compiled_kernels import COMPILED
+
 EDGES = [(1, 1, 1), (1, 0.5, 0.5), (1, 1, 0.04), (1, 0.1, 0.1), (1, 0.3, 0.01)]
 CUBE = box_surface([0.1, 0.1, 0.1], spacing=0.008)
 FEW = box_surface([0.1, 0.1, 0.1], spacing=0.05)
-LABELS = fast_labels(CUBE.p_OQ, CUBE.nhat_OQ)
+LABELS = COMPILED.labels(CUBE.p_OQ, CUBE.nhat_OQ)
 CENTRE = np.array([0.003, -0.002, 0.001])
 KINDS = ("position", "msv", "gii", "vew")
 
@@ -64,7 +60,7 @@ def test_of_tied_candidates_the_first_contact_has_each():
         p_OC,
         np.zeros(4),
         ForbiddenPoints.none(),
-        label=fast_labels(surface.p_OQ, surface.nhat_OQ),
+        label=COMPILED.labels(surface.p_OQ, surface.nhat_OQ),
     )
     assert np.sum(regions.sizes()) == len(surface.p_OQ)
     assert regions.sizes()[3] == 0
@@ -87,7 +83,7 @@ def goals_of(surface, p_OC, h, name, *, stretch, covariance, in_turns=False):
     strategy = make_strategy(name, stretch=stretch)
     return [
         select_contacts(selection, strategy, in_turns=in_turns, choose=choose).p_OC
-        for choose in (None, fast_goals(surface, {name: 1.0}, stretch=stretch))
+        for choose in (None, COMPILED.goals(surface, {name: 1.0}, stretch=stretch))
     ]
 
 
@@ -157,7 +153,7 @@ def test_of_weights_that_differ_by_rounding_only_areas_count(name):
     member = regions.members(0)
     plain = surface.areas[member] @ q[member] / np.sum(surface.areas[member])
     expected = surface.project_into(plain[None], [member])[0]
-    for choose in (None, fast_goals(surface, {name: 1.0})):
+    for choose in (None, COMPILED.goals(surface, {name: 1.0})):
         goals = select_contacts(selection, make_strategy(name), choose=choose).p_OC
         np.testing.assert_allclose(goals, expected, atol=1e-10)
 
@@ -180,7 +176,7 @@ def test_no_tick_waits_for_the_compiler_whatever_arrays_it_meets(kind):
     )
     regions = replace(regions, labels=kind(regions.labels.astype(np.int32)))
     selection = SelectionInput(surface, kind(p_OC), regions, kind(np.eye(3)))
-    choose = fast_goals(surface, {"gii": 1.0})
+    choose = COMPILED.goals(surface, {"gii": 1.0})
     np.testing.assert_array_equal(choose(selection, kind(np.arange(4))), plain)
     modules = closed_forms, goals, labels, margins, predicates, projection
     found = [f for module in modules for f in vars(module).values() if hasattr(f, "signatures")]
@@ -191,9 +187,9 @@ def test_no_tick_waits_for_the_compiler_whatever_arrays_it_meets(kind):
 
 def test_the_switch_chooses_the_reference(monkeypatch):
     monkeypatch.setenv(SWITCH, "0")
-    assert fast_labels(FEW.p_OQ, FEW.nhat_OQ) is None
-    assert fast_goals(FEW, {"msv": 1.0}) is None
-    assert fast_slip_radii() is slip_radii_within
+    assert default_kernels() is REFERENCE
+    monkeypatch.setenv(SWITCH, "1")
+    assert default_kernels() is COMPILED
 
 
 def test_candidates_of_another_surface_are_refused():
@@ -219,7 +215,7 @@ def test_a_step_of_the_pose_filter_equals_the_reference(seed, rate, gravity, has
     earlier = first_belief(PoseMeasurement(1.0, rng.normal(size=3), R[0]), noise, p_OCoM)
     earlier = replace(earlier, v_WCoM=rng.normal(size=3), w_WO=rate * rng.normal(size=3))
     measurement = PoseMeasurement(1.0 + rng.uniform(0, 0.1), rng.normal(size=3), R[1])
-    step = fast_filter_step()
+    step = COMPILED.filter_step()
     for fast, reference in zip(
         step(earlier, measurement, noise, p_OCoM, noise_factor),
         filter_step(earlier, measurement, noise, p_OCoM, noise_factor),
@@ -247,9 +243,13 @@ def test_slips_are_those_of_the_reference(seed, n, edges, radius, friction):
     p_OC, nhat = surface.project(contacts(surface, n, np.random.default_rng(seed)))
     fast, reference = (
         slip_radii(surface, frozen(p_OC), frozen(nhat), radius, friction)
-        for slip_radii in (fast_slip_radii(), slip_radii_within)
+        for slip_radii in (COMPILED.slip_radii(), slip_radii_within)
     )
     np.testing.assert_allclose(fast, reference, rtol=0, atol=1e-9)
     grasp = p_OC - surface.p_OCoM, nhat, friction
-    fast = min_weight_margin(*grasp, solve=fast_largest_minimum())
+    fast = min_weight_margin(*grasp, solve=COMPILED.largest_minimum())
     assert fast == pytest.approx(min_weight_margin(*grasp), abs=1e-9)
+    alone = {"model": "frictionless", "solve": COMPILED.largest_minimum()}
+    assert min_weight_margin(*grasp, **alone) == pytest.approx(
+        min_weight_margin(*grasp, model="frictionless"), abs=1e-9
+    )

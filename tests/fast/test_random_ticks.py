@@ -17,7 +17,6 @@ from drake_pregrasp.contacts.reassignment import (
 )
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import STRATEGIES, make_blend
-from drake_pregrasp.fast import fast_goals, fast_labels, fast_limits, fast_surface
 from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.sampling import lifted
 from drake_pregrasp.geometry.shapes import ball_shape
@@ -31,6 +30,10 @@ from drake_pregrasp.regions.walls import SurfaceGraph, normals_agree
 
 pytest.importorskip("numba", reason="numba is not installed (the extra [fast])")
 
+from drake_pregrasp.fast import compiled_kernels
+
+KERNELS = compiled_kernels.COMPILED
+
 LENGTH = 0.05  # Of the normals as further coordinates, in metres.
 SURFACES = [
     box_surface([0.1, 0.1, 0.1], spacing=0.008),
@@ -40,11 +43,11 @@ SURFACES = [
     box_surface([0.1, 0.1, 0.1], spacing=0.05),  # Fewer candidates than a block holds.
 ]
 GRAPHS = [SurfaceGraph(surface) for surface in SURFACES]
-COMPILED = [fast_surface(surface) for surface in SURFACES]
+COMPILED = [KERNELS.surface(surface) for surface in SURFACES]
 SYMMETRIES = [surface_symmetries(surface)[:12] for surface in SURFACES]
 LIFTED = [lifted(surface.p_OQ, surface.nhat_OQ, LENGTH) for surface in SURFACES]
 LABELS = [
-    {3: fast_labels(surface.p_OQ, surface.nhat_OQ), 6: fast_labels(points, surface.nhat_OQ)}
+    {3: KERNELS.labels(surface.p_OQ, surface.nhat_OQ), 6: KERNELS.labels(points, surface.nhat_OQ)}
     for surface, points in zip(SURFACES, LIFTED, strict=True)
 ]
 
@@ -218,7 +221,7 @@ def test_a_tick_is_that_of_the_reference(
         points = np.hstack([points, 0.03 * rng.normal(size=(len(points), k))])
         c = np.hstack([c, 0.03 * rng.normal(size=(n, k))])
         c[n // 2 :] = c[0] if "coincident" in has else c[n // 2 :]
-        label = fast_labels(points, surface.nhat_OQ)
+        label = KERNELS.labels(points, surface.nhat_OQ)
     expected, found = (
         compute_safe_regions(points, c, h, forbidden, constraints, label=own)
         for own in (None, label)
@@ -239,8 +242,8 @@ def test_a_tick_is_that_of_the_reference(
     A = rng.normal(size=(3, 3))
     covariance = spread**2 * (np.eye(3) + A @ A.T)
     reference = SelectionInput(surface, p_OC, expected, covariance)
-    compiled = SelectionInput(COMPILED[which], p_OC, expected, covariance, fast_limits())
-    choose = fast_goals(surface, weights, **options, best_point=best_point)
+    compiled = SelectionInput(COMPILED[which], p_OC, expected, covariance, KERNELS.limits_at)
+    choose = KERNELS.goals(surface, weights, **options, best_point=best_point)
     goals, others = (
         select_contacts(
             selection,

@@ -1,0 +1,42 @@
+"""The compiled implementation, as one object, which is compiled or loaded when it is imported."""
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.fast.compiling import compiled
+from drake_pregrasp.fast.goals import CompiledGoals
+from drake_pregrasp.fast.kernels import Kernels
+from drake_pregrasp.fast.labels import CompactCandidates
+from drake_pregrasp.fast.pose_steps import CompiledFilterStep
+from drake_pregrasp.fast.predicates import compiled_limits_at
+from drake_pregrasp.fast.projection import CompiledSurface
+from drake_pregrasp.quality.force_closure import LargestMinimum, largest_minimum
+from drake_pregrasp.regions.independent_regions import SlipRadii
+from drake_pregrasp.regions.safe_regions import LabelCandidates
+
+
+def _labels(q: FloatArray, nhat: FloatArray) -> LabelCandidates:
+    return CompactCandidates(q, nhat).label
+
+
+def _slip_radii() -> SlipRadii:
+    # Imported only here, because few planners need what it compiles.
+    from drake_pregrasp.fast.margins import compiled_slip_radii
+
+    return compiled_slip_radii
+
+
+def _largest_minimum() -> LargestMinimum:
+    solve: LargestMinimum = compiled("f8(f8[:,::1])")(largest_minimum)
+    return solve
+
+
+COMPILED = Kernels(
+    name="numba",
+    labels=_labels,
+    surface=CompiledSurface.of,
+    limits_at=compiled_limits_at,
+    goals=CompiledGoals,
+    slip_radii=_slip_radii,
+    largest_minimum=_largest_minimum,
+    filter_step=CompiledFilterStep,
+)
+"""The implementation in numba."""

@@ -1,0 +1,55 @@
+"""The functions that take most of a tick, as one object, and their reference in numpy."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.contacts.selection_input import GoalFunction
+from drake_pregrasp.estimation.pose_track import FilterStep
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.quality.force_closure import LargestMinimum, largest_minimum
+from drake_pregrasp.regions.constraints import LimitFunction, Predicates
+from drake_pregrasp.regions.independent_regions import SlipRadii, slip_radii_within
+from drake_pregrasp.regions.safe_regions import LabelCandidates, label_candidates
+
+
+@dataclass(frozen=True)
+class Kernels:
+    """The functions that take most of a tick, in one implementation.
+
+    Attributes:
+        name: Library of the implementation: numpy or numba.
+        labels: Function from candidate points, shape (N, d), in metres, and the outward unit
+            normals there, shape (N, 3), to `label_candidates` for these candidates.
+        surface: Function that returns a surface with this implementation's projection.
+        limits_at: `Predicates.limits_at`.
+        goals: Function from a surface, the weights of strategies by name, and the arguments of
+            `make_blend` and `best_point`, to `region_goals`; None to evaluate strategies one by
+            one.
+        slip_radii: Function that returns `slip_radii_within` of hard fingers.
+        largest_minimum: Function that returns `largest_minimum`.
+        filter_step: Function that returns the steps of the pose filter.
+    """
+
+    name: str
+    labels: Callable[[FloatArray, FloatArray], LabelCandidates]
+    surface: Callable[[ObjectSurface], ObjectSurface]
+    limits_at: LimitFunction
+    goals: Callable[..., GoalFunction] | None
+    slip_radii: Callable[[], SlipRadii]
+    largest_minimum: Callable[[], LargestMinimum]
+    filter_step: Callable[[], FilterStep]
+
+
+REFERENCE = Kernels(
+    name="numpy",
+    labels=lambda q, nhat: partial(label_candidates, q, nhat),
+    surface=lambda surface: surface,
+    limits_at=Predicates.limits_at,
+    goals=None,
+    slip_radii=lambda: slip_radii_within,
+    largest_minimum=lambda: largest_minimum,
+    filter_step=FilterStep,
+)
+"""The implementation in numpy."""
