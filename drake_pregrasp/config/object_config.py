@@ -158,10 +158,15 @@ class Conveyor:
     """A table that slides and turns, and moves the object by friction."""
 
     # Speed along x of W, in m/s.
-    linear_velocity: float = field(default=0.001, metadata=_LARGEST_SPEED)
+    linear_velocity: float = field(
+        default=0.001, metadata={**_LARGEST_SPEED, "typical": (-0.1, 0.1), "unit": "mm/s"}
+    )
 
     # Turning rate about z of W, in rad/s.
-    angular_velocity: float = field(default=0.0174, metadata=_LARGEST_TURN)
+    angular_velocity: float = field(
+        default=0.0174,
+        metadata={**_LARGEST_TURN, "typical": (-np.pi / 3, np.pi / 3), "unit": "deg/s"},
+    )
 
     # Velocities over time, instead of the two above: rows [time, linear, angular] in s, m/s and
     # rad/s, with times that increase from 0. They are interpolated linearly; the last ones stay.

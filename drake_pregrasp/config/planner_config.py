@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, replace
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.limits_config import LimitsConfig
+from drake_pregrasp.config.sensor_config import ORIENTATION_NOISE, POSITION_NOISE
 from drake_pregrasp.contacts.strategies import BLEND, READINGS, STRATEGIES
 from drake_pregrasp.estimation.pose_filter import PoseFilterNoise
 from drake_pregrasp.estimation.pose_track import TrackerSettings
@@ -30,10 +31,10 @@ class EstimatorConfig:
     """Assumptions of the pose estimator. Standard deviations are per axis."""
 
     # Standard deviation of a measured position, in metres.
-    position_std: float = field(default=0.0005, metadata=_STD)
+    position_std: float = field(default=0.0005, metadata=_STD | POSITION_NOISE)
 
     # Standard deviation of a measured orientation, as a rotation vector, in radians.
-    orientation_std: float = field(default=0.0035, metadata=_STD)
+    orientation_std: float = field(default=0.0035, metadata=_STD | ORIENTATION_NOISE)
 
     # Square root of the spectral density of the object's random acceleration, in m/s^2/sqrt(Hz).
     acceleration: float = field(default=0.001, metadata=_RATE)
@@ -58,7 +59,10 @@ class EstimatorConfig:
 
     # Seconds by which the estimate, and with it the goals, are predicted ahead. Measures still use
     # the object's present pose; position errors compare poses of the same time.
-    lookahead: float = field(default=0.0, metadata={"at_least": 0, "at_most": 10})
+    lookahead: float = field(
+        default=0.0,
+        metadata={"at_least": 0, "at_most": 10, "typical": (0.0, 0.5), "unit": "ms"},
+    )
 
     # Mahalanobis distance from its prediction beyond which a measured position or orientation is an
     # outlier; 0 accepts all measurements.
@@ -169,7 +173,10 @@ class PlannerConfig:
     """Configuration of the planner of contact goals."""
 
     # Seconds between planning ticks.
-    period: float = field(default=0.05, metadata={"at_least": 1e-4, "at_most": 10})
+    period: float = field(
+        default=0.05,
+        metadata={"at_least": 1e-4, "at_most": 10, "typical": (0.01, 0.2), "unit": "ms"},
+    )
 
     # Seconds for which the initial contacts are held on the object before they adapt.
     static_duration: float = field(default=4.0, metadata=_TIME)
@@ -215,7 +222,10 @@ class PlannerConfig:
 
     # Standard deviation added to the filter's covariance in the Gaussian weights, in metres. The
     # filter's own, 0.2 mm in the base case, would select the candidate closest to the centre.
-    position_spread: float = field(default=0.04, metadata={"at_least": 1e-6, "at_most": 1000})
+    position_spread: float = field(
+        default=0.04,
+        metadata={"at_least": 1e-6, "at_most": 1000, "typical": (0.001, 0.1), "unit": "mm"},
+    )
 
     # Test that keeps a region from extending through a thin wall: none, the angle between outward
     # normals, or the distance over the surface.

@@ -14,17 +14,25 @@ from drake_pregrasp.estimation.fault_settings import (
     burst_reach,
 )
 
+POSITION_NOISE = {"typical": (0.0, 0.01), "unit": "mm"}
+"""Usual standard deviations of a measured position."""
+
+ORIENTATION_NOISE = {"typical": (0.0, math.radians(5)), "unit": "deg"}
+"""Usual standard deviations of a measured orientation."""
+
+_STD = {"at_least": 0, "at_most": 10}
+
 
 @dataclass
 class SensorConfig:
     """Noise and faults of the simulated pose measurements."""
 
     # Standard deviation of the white noise of the position, per axis, in metres.
-    position_std: float = field(default=0.0005, metadata={"at_least": 0, "at_most": 10})
+    position_std: float = field(default=0.0005, metadata=_STD | POSITION_NOISE)
 
     # Standard deviation of the white noise of the orientation, as a rotation vector, per axis, in
     # radians.
-    orientation_std: float = field(default=0.0035, metadata={"at_least": 0, "at_most": 10})
+    orientation_std: float = field(default=0.0035, metadata=_STD | ORIENTATION_NOISE)
 
     # Faults of the measurements, besides the white noise.
     faults: MeasurementFaults = field(default_factory=MeasurementFaults)

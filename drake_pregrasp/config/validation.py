@@ -8,6 +8,9 @@ The rules are `above`, `at_least` and `at_most` (for a number, or for each numbe
 `one_of` (for a text, or for each text of a list), `length`, `min_length` and `max_length` (for a
 list; `MAX_LENGTH` by default), `elements` (rules for the elements of a list) and `required`. Python
 constructors apply them through `checked`, and YAML files through `simulation.schema_check`.
+
+A field that a person may change in a live run also has `typical`, the lowest and the highest of the
+usual values, and `unit`, the unit in which they are shown; the live view makes a slider of it.
 """
 
 import dataclasses

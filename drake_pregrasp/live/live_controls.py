@@ -1,14 +1,15 @@
 """Sliders and buttons of a live run in Meshcat."""
 
+import dataclasses
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from pydrake.geometry import Meshcat
 
 from drake_pregrasp.config.object_config import Conveyor, PoseStream
@@ -16,80 +17,109 @@ from drake_pregrasp.errors import OutputError
 from drake_pregrasp.live.live_run import LiveRun
 from drake_pregrasp.simulation.scenario import Scenario
 
-_SMALLEST_STD = 1e-5  # Noise that the estimator assumes at least, in metres and radians.
 _IDLE = 0.02  # Seconds between looks at the controls while the run is paused.
+_STEPS = 200  # Smallest number of steps of a slider.
+_UNITS = {"mm": 1e-3, "ms": 1e-3, "mm/s": 1e-3, "deg": math.pi / 180, "deg/s": math.pi / 180}
 
 
 @dataclass(frozen=True)
 class Slider:
-    """A slider: its name and range, and functions that read and apply its value."""
+    """A slider of the fields that share a name, such as the noise of sensor and estimator.
+
+    Attributes:
+        name: Name and unit, as the page shows them.
+        low: Lowest value, in the unit.
+        high: Highest value, in the unit.
+        step: Difference of two values next to each other, in the unit.
+        unit: The unit in SI.
+        fields: Dotted path of each field with its metadata.
+    """
 
     name: str
     low: float
     high: float
     step: float
-    value: Callable[[Scenario], float]
-    apply: Callable[[LiveRun, float], None]
+    unit: float
+    fields: dict[str, Mapping[str, Any]]
 
+    def value(self, scenario: Scenario) -> float:
+        """Returns the value of the first field, in the slider's unit."""
+        path = next(iter(self.fields))
+        if (index := _velocity_index(path, scenario)) is not None:
+            assert isinstance(scenario.motion, Conveyor)
+            return scenario.motion.velocities()[-1][1 + index] / self.unit
+        return float(attrgetter(path)(scenario)) / self.unit
 
-def _setting(name: str, low: float, high: float, step: float, *fields: str, unit: float) -> Slider:
-    """Returns a slider for one field or more of a scenario, in a unit of its own."""
+    def apply(self, run: LiveRun, value: float) -> None:
+        """Changes the run's fields to a value in the slider's unit, within the slider's range.
 
-    def value(scenario: Scenario) -> float:
-        return float(attrgetter(fields[0])(scenario)) / unit
+        A value that is not finite is ignored: any program on this machine can send one.
+        """
+        if not math.isfinite(value):
+            return
+        value = min(max(value, self.low), self.high) * self.unit
+        if (index := _velocity_index(next(iter(self.fields)), run.scenario)) is not None:
+            run.set_velocity(**{("linear", "angular")[index]: value})
+            return
 
-    def apply(run: LiveRun, new: float) -> None:
         def edit(scenario: Scenario) -> None:
-            for field in fields:
-                owner, _, key = field.rpartition(".")
-                is_std_of_estimator = "estimator" in owner and key.endswith("_std")
-                least = _SMALLEST_STD if is_std_of_estimator else 0.0
-                setattr(attrgetter(owner)(scenario), key, max(new * unit, least))
+            for path, rules in self.fields.items():
+                owner, _, key = path.rpartition(".")
+                # A field that excludes the slider's end gets the tenth of a step beside it.
+                is_excluded = value <= rules.get("above", -math.inf)
+                least = rules["above"] + self.step * self.unit / 10 if is_excluded else value
+                setattr(attrgetter(owner)(scenario), key, least)
+            if "planner.period" in self.fields:
+                _fit_time_step(scenario)
 
         run.change(edit)
 
-    return Slider(name, low, high, step, value, apply)
+
+def make_sliders(scenario: Scenario) -> list[Slider]:
+    """Returns a slider for each name of a field that declares typical values."""
+    groups: dict[str, dict[str, Mapping[str, Any]]] = {}
+    for path, rules in _adjustable(scenario):
+        # A hand looks ahead itself.
+        if not (scenario.has_hand and path == "planner.estimator.lookahead"):
+            label = f"{path.rpartition('.')[2].replace('_', ' ')} [{rules['unit']}]"
+            groups.setdefault(label, {})[path] = rules
+    sliders = []
+    for label, fields in groups.items():
+        rules = next(iter(fields.values()))
+        unit = _UNITS[rules["unit"]]
+        low, high = (round(bound / unit, 6) for bound in rules["typical"])
+        sliders.append(Slider(label, low, high, _round_step(high - low), unit, fields))
+    return sliders
 
 
-def _velocity(name: str, limit: float, which: str, *, unit: float) -> Slider:
-    """Returns a slider for the `linear` or the `angular` velocity of the conveyor."""
-
-    def value(scenario: Scenario) -> float:
-        assert isinstance(scenario.motion, Conveyor)
-        _, linear, angular = scenario.motion.velocities()[-1]
-        return {"linear": linear, "angular": angular}[which] / unit
-
-    def apply(run: LiveRun, new: float) -> None:
-        run.set_velocity(**{which: new * unit})
-
-    return Slider(name, -limit, limit, 1, value, apply)
+def _adjustable(config: Any, owner: str = "") -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yields the dotted path and metadata of each field that declares typical values."""
+    for field in dataclasses.fields(config):
+        value = getattr(config, field.name)
+        if "typical" in field.metadata:
+            yield owner + field.name, field.metadata
+        elif dataclasses.is_dataclass(value):
+            yield from _adjustable(value, f"{owner}{field.name}.")
 
 
-def _set_rate(run: LiveRun, rate: float) -> None:
-    def edit(scenario: Scenario) -> None:
-        scenario.planner.period = 1 / rate
-        if isinstance(scenario.motion, Conveyor) and not scenario.has_hand:
-            # Ticks are at time steps of the plant, which are not longer than by default.
-            steps = np.ceil(scenario.planner.period / Scenario().plant_config.time_step)
-            scenario.plant_config.time_step = float(scenario.planner.period / steps)
-
-    run.change(edit)
+def _round_step(width: float) -> float:
+    """Returns the largest of 1, 2 and 5 times a power of ten that makes `_STEPS` steps or more."""
+    power = 10.0 ** math.floor(math.log10(width / _STEPS) + 1e-9)
+    return max(step * power for step in (1, 2, 5) if step * power * _STEPS <= width * (1 + 1e-9))
 
 
-_DEGREE = float(np.pi / 180)
-_VELOCITIES = (
-    _velocity("speed [mm/s]", 100, "linear", unit=1e-3),
-    _velocity("turn rate [deg/s]", 60, "angular", unit=_DEGREE),
-)
-_POSITION_STD = ("sensor.position_std", "planner.estimator.position_std")
-_ORIENTATION_STD = ("sensor.orientation_std", "planner.estimator.orientation_std")
-_SETTINGS = (
-    _setting("noise [mm]", 0, 10, 0.1, *_POSITION_STD, unit=1e-3),
-    _setting("noise [deg]", 0, 5, 0.1, *_ORIENTATION_STD, unit=_DEGREE),
-    Slider("planning rate [Hz]", 5, 50, 5, lambda s: 1 / s.planner.period, _set_rate),
-    _setting("spread [mm]", 1, 100, 1, "planner.position_spread", unit=1e-3),
-)
-_LOOKAHEAD = _setting("look-ahead [ms]", 0, 500, 10, "planner.estimator.lookahead", unit=1e-3)
+def _velocity_index(path: str, scenario: Scenario) -> int | None:
+    """Returns the place of a conveyor's velocity, which changes over a ramp, or None."""
+    velocities = ("motion.linear_velocity", "motion.angular_velocity")
+    is_velocity = isinstance(scenario.motion, Conveyor) and path in velocities
+    return velocities.index(path) if is_velocity else None
+
+
+def _fit_time_step(scenario: Scenario) -> None:
+    """Makes ticks fall on time steps of the plant, which are not longer than by default."""
+    if isinstance(scenario.motion, Conveyor) and not scenario.has_hand:
+        steps = math.ceil(scenario.planner.period / Scenario().plant_config.time_step - 1e-9)
+        scenario.plant_config.time_step = scenario.planner.period / steps
 
 
 class LiveControls:
@@ -105,10 +135,7 @@ class LiveControls:
         self._run, self._meshcat, self._out = run, meshcat, out
         self.is_paused, self.is_stopped = False, False
         scenario = run.scenario
-        sliders = [*(_VELOCITIES if isinstance(scenario.motion, Conveyor) else ()), *_SETTINGS]
-        if not scenario.has_hand:  # A hand looks ahead itself.
-            sliders.append(_LOOKAHEAD)
-        self._sliders = {slider.name: slider for slider in sliders}
+        self._sliders = {slider.name: slider for slider in make_sliders(scenario)}
         self._buttons: dict[str, Callable[[], object]] = {
             "pause / resume": self._switch_pause,
             "step": self._step,

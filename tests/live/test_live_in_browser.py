@@ -132,8 +132,8 @@ def page(opened):
 def test_sliders_change_what_they_name(page):
     """The object moves as the sliders say; the other settings reach the planner and the sensor."""
     run, degree = page.run, np.pi / 180
-    speed = 1e-3 * page.slide("speed [mm/s]", 0.7)
-    rate = degree * page.slide("turn rate [deg/s]", 0.8)
+    speed = 1e-3 * page.slide("linear velocity [mm/s]", 0.7)
+    rate = degree * page.slide("angular velocity [deg/s]", 0.8)
     assert speed > 0.02
     assert rate > 0.3
     page.reaches(lambda: run.scenario.motion.velocities()[-1][1:] == pytest.approx([speed, rate]))
@@ -142,17 +142,22 @@ def test_sliders_change_what_they_name(page):
     assert (x1 - x0) / (t1 - t0) == pytest.approx(speed, rel=0.02)
     assert (yaw1 - yaw0) / (t1 - t0) == pytest.approx(rate, rel=0.02)
     for name, share, fields, unit in (
-        ("noise [mm]", 0.2, "sensor.position_std planner.estimator.position_std", 1e-3),
-        ("noise [deg]", 0.1, "sensor.orientation_std planner.estimator.orientation_std", degree),
-        ("spread [mm]", 0.2, "planner.position_spread", 1e-3),
-        ("look-ahead [ms]", 0.3, "planner.estimator.lookahead", 1e-3),
+        ("position std [mm]", 0.2, "sensor.position_std planner.estimator.position_std", 1e-3),
+        (
+            "orientation std [deg]",
+            0.1,
+            "sensor.orientation_std planner.estimator.orientation_std",
+            degree,
+        ),
+        ("position spread [mm]", 0.2, "planner.position_spread", 1e-3),
+        ("lookahead [ms]", 0.3, "planner.estimator.lookahead", 1e-3),
     ):
         value = unit * page.slide(name, share)
         for field in fields.split():
             read = attrgetter(field)
             assert read(load_scenario("a_base")) != pytest.approx(value)
             page.reaches(lambda read=read, value=value: read(run.scenario) == pytest.approx(value))
-    period = 1 / page.slide("planning rate [Hz]", 0.9)
+    period = 1e-3 * page.slide("period [ms]", 0.03)
     assert period < 0.03
     page.reaches(lambda: run.scenario.planner.period == pytest.approx(period))
     page.click("pause / resume")
@@ -212,7 +217,7 @@ def test_a_hand_closes_when_it_is_told_to(opened):
 
 def test_the_camera_goes_with_the_object_and_the_mouse_turns_it(page):
     direction = "viewer.camera.position.clone().sub(viewer.controls.target).toArray()"
-    assert page.slide("speed [mm/s]", 0.99) > 90
+    assert page.slide("linear velocity [mm/s]", 0.99) > 90
     page.pass_time(1.0)
     x, first = page.place()[0], page.browser.value(direction)
     np.testing.assert_allclose(page.seen(), 0, atol=0.1)

@@ -5,13 +5,15 @@ import signal
 import subprocess
 import sys
 import urllib.request
+from operator import attrgetter
 
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
 from drake_pregrasp import load_scenario, make_diagram
-from drake_pregrasp.live.live_controls import LiveControls
+from drake_pregrasp.config.validation import scalar_problem
+from drake_pregrasp.live.live_controls import LiveControls, make_sliders
 from drake_pregrasp.live.live_run import LiveRun
 from drake_pregrasp.simulation.recording import start_meshcat
 from drake_pregrasp.simulation.scenario_file import load_resolved, resolve
@@ -66,7 +68,32 @@ def test_sliders_at_their_ends_make_valid_scenarios(name, tmp_path):
             meshcat.SetSliderValue(slider, value)  # As near to it as its range permits.
         controls.apply()
         resolve(run.scenario)
-    assert run.scenario.planner.period == pytest.approx(1 / 50)
+    assert run.scenario.planner.period == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("name", ["a_base", "toss", "grasp_five_finger"])
+def test_a_slider_keeps_within_the_declared_range_whatever_a_page_sends(name):
+    scenario = load_scenario(name)
+
+    class Run:
+        def __init__(self):
+            self.scenario, self.velocity = scenario, {}
+            self.change = lambda edit: edit(scenario)
+            self.set_velocity = self.velocity.update
+
+    for slider in make_sliders(scenario):
+        run = Run()
+        for sent in (-1e308, 0.0, slider.high, 1e308):
+            slider.apply(run, sent)
+            for path, rules in slider.fields.items():
+                key = path.split("_")[0].split(".")[-1]
+                value = run.velocity[key] if run.velocity else attrgetter(path)(scenario)
+                assert scalar_problem(value, float, rules) is None, (path, sent)
+                low, high = rules["typical"]
+                assert low - 1e-9 <= value <= high + 1e-9
+        for sent in (float("nan"), float("inf"), -float("inf")):
+            slider.apply(run, sent)
+        assert value == pytest.approx(high), "the highest value was sent last that is finite"
 
 
 def test_a_run_goes_on_after_a_refused_change():
