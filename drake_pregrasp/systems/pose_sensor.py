@@ -14,7 +14,7 @@ from pydrake.systems.framework import (
     PortDataType,
 )
 
-from drake_pregrasp.arrays import FloatArray, pack, tick_index, unpacker
+from drake_pregrasp.arrays import FloatArray, are_valid, pack, tick_index, unpacker
 from drake_pregrasp.config.sensor_config import SensorConfig, check_faults
 from drake_pregrasp.config.validation import checked
 from drake_pregrasp.errors import InvalidArgumentError
@@ -89,7 +89,8 @@ class NoisyPoseSensor(LeafSystem):
     Port `X_WO` accepts a `RigidTransform`: the true pose of the object O in the world W.
 
     Port `noise` accepts a vector of 6 standard normal numbers, three for the position and three
-    for the orientation. It is a random input of Drake; `NoiseSource` is the recommended source.
+    for the orientation. It is a random input of Drake; `NoiseSource` is the recommended source. If
+    the noise is not finite, the measured pose is NaN.
 
     Port `X_WO_measured` emits a `RigidTransform`: the pose in W of the measured frame M, with
     p_WM = p_WO + position_std * noise[:3] and R_WM = Exp(orientation_std * noise[3:]) R_WO, changed
@@ -169,6 +170,8 @@ class NoisyPoseSensor(LeafSystem):
         """Returns the pose that is measured now, whenever it arrives."""
         X_WO: RigidTransform = self._X_WO.Eval(context)
         noise: FloatArray = self._noise.Eval(context)
+        if not are_valid(noise):
+            noise = np.full_like(noise, np.nan)
         position_std, orientation_std = self._stds
         offset = position_std * noise[:3]
         turn = rotation_matrix(orientation_std * noise[3:])

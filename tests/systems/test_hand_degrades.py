@@ -3,70 +3,9 @@
 import made_systems
 import numpy as np
 import pytest
-from driven import port_names
-from five_finger_hand import points_of
-from pydrake.common.value import AbstractValue
-from pydrake.math import RigidTransform
-from pydrake.multibody.math import SpatialVelocity
-from pydrake.systems.framework import BusValue
 
-from drake_pregrasp import GraspConfig, InvalidArgumentError, Obstacles, TrackingStatus
+from drake_pregrasp import GraspConfig, Obstacles, TrackingStatus
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase
-
-BAD_NUMBERS = [np.nan, np.inf, -np.inf, 1e300]
-
-
-def spoiled_wall(number):
-    """A wall whose place is spoilt after it is made, since it is refused otherwise."""
-    obstacles = made_systems.wall(9.0)
-    obstacles.solids[0].point[0] = number
-    return obstacles
-
-
-def spoiled(value, number):
-    """Yields what a port may get instead of a sound value."""
-    if isinstance(value, RigidTransform):
-        yield from made_systems.NO_POSES
-    elif isinstance(value, SpatialVelocity):
-        yield SpatialVelocity(w=[0.0, number, 0.0], v=[number, 0.0, 0.0])
-    elif isinstance(value, BusValue):
-        points = points_of(value)
-        points[2, 1] = number
-        yield made_systems.bus(points, made_systems.RING)
-        yield BusValue()
-    elif isinstance(value, Obstacles):
-        yield spoiled_wall(number)
-    else:
-        for index in {0, len(value) - 1}:
-            one = np.array(value, dtype=float)
-            one[index] = number
-            yield one
-        yield np.full(len(value), number)
-
-
-def assert_finite(player, port):
-    _, outputs = port_names(player.system)
-    for output in outputs:
-        # Where no hand holds the object, there is no such velocity.
-        assert output == "V_WO_held" or np.isfinite(player.array(output)).all(), (port, output)
-
-
-@pytest.mark.parametrize("number", BAD_NUMBERS)
-@pytest.mark.parametrize("name", ["shaper", "kinematics", "sequencer", "monitor"])
-def test_outputs_are_finite_whatever_comes(name, number):
-    player = made_systems.driven(name)
-    player.tick(2)
-    for port, sound in player.inputs.items():
-        if port in ("command", "goals"):  # Between systems of the controller, and always valid.
-            continue
-        for value in spoiled(sound, number):
-            player.fix(**{port: value})
-            assert_finite(player, port)
-            player.tick(2)
-            assert_finite(player, port)
-        player.fix(**{port: sound})
-        player.tick()
-        assert_finite(player, port)
 
 
 def test_tips_never_outrun_their_speed_and_come_back():
@@ -76,7 +15,7 @@ def test_tips_never_outrun_their_speed_and_come_back():
     rng = np.random.default_rng(4)
     for _ in range(60):
         port = rng.choice([p for p in player.inputs if p != "command"])
-        choices = [*spoiled(player.inputs[port], rng.choice(BAD_NUMBERS))]
+        choices = [*made_systems.broken_values(player.inputs[port])]
         player.fix(**{port: choices[rng.integers(len(choices))]})
         player.tick()
         player.fix(**{port: player.inputs[port]})
@@ -85,7 +24,7 @@ def test_tips_never_outrun_their_speed_and_come_back():
         assert np.max(steps) <= GraspConfig().goal_speed * made_systems.CONTROL_PERIOD + 1e-12
         before = p_GT
     player.tick(60)
-    np.testing.assert_allclose(player.array("p_GT"), settled, atol=2e-6)
+    np.testing.assert_allclose(player.array("p_GT"), settled, atol=1e-5)
 
 
 @pytest.mark.parametrize("status", [TrackingStatus.LOST, TrackingStatus.WAITING, np.nan])
@@ -112,33 +51,12 @@ def test_tips_stay_where_an_obstacle_may_be_anywhere():
     player = made_systems.driven("shaper")
     player.tick(2)
     before = player.array("p_GT")
-    player.fix(contact_status=np.zeros(made_systems.N), obstacles=spoiled_wall(np.nan))
+    player.fix(contact_status=np.zeros(made_systems.N), obstacles=made_systems.spoiled_wall(np.nan))
     player.tick(5)
     np.testing.assert_array_equal(player.array("p_GT"), before)
     player.fix(obstacles=Obstacles())
     player.tick(5)
     assert not np.allclose(player.array("p_GT"), before)
-
-
-WRONG_BUS = BusValue()
-WRONG_BUS.Set(made_systems.FRAMES[0], AbstractValue.Make(3.0))
-
-
-@pytest.mark.parametrize(
-    ("name", "port", "wrong"),
-    [
-        ("shaper", "fingertip_targets", WRONG_BUS),
-        ("shaper", "obstacles", object()),
-        ("kinematics", "obstacles", object()),
-        ("partitioner", "obstacles", object()),
-        ("selector", "safe_regions", object()),
-    ],
-)
-def test_a_value_of_another_type_is_refused_by_the_ports_name(name, port, wrong):
-    player = made_systems.driven(name)
-    player.fix(**{port: wrong if isinstance(wrong, BusValue) else AbstractValue.Make(wrong)})
-    with pytest.raises(InvalidArgumentError, match=f"port {port}"):
-        player.next_numbers()
 
 
 def phase(player):
