@@ -51,11 +51,12 @@ def test_goals_stay_within_the_surface_of_a_tossed_object(tmp_path):
 @pytest.mark.parametrize("name", usable_scenarios())
 def test_the_camera_sees_the_whole_motion(name):
     file, _ = shipped_scenarios()[name]
-    scenario = load_typed(Scenario, read_mapping(file)[name], Scenario())
-    path = expected_path(scenario.motion, scenario.simulation_duration, resolve(scenario).shape)
-    extent = max(scenario.object.make_shape().mesh.extents)
+    resolved = resolve(load_typed(Scenario, read_mapping(file)[name], Scenario()))
+    scenario, shape = resolved.scenario, resolved.shape
+    path = expected_path(scenario.motion, scenario.simulation_duration, shape)
+    extent = max(shape.mesh.extents)
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * extent / 2
-    for view in (camera_view(resolve(scenario), follows=follows) for follows in (False, True)):
+    for view in (camera_view(resolved, follows=follows) for follows in (False, True)):
         axis = (view.p_WT - view.p_WK) / np.linalg.norm(view.p_WT - view.p_WK)
         camera = view.p_WK + view.share * (path - path[0])
         seen = (path - camera)[:, None] + corners
