@@ -2,11 +2,10 @@
 
 import numpy as np
 from driven import Driven, port_names
-from five_finger_hand import AROUND, FRAMES, HAND, bus, points_of
+from five_finger_hand import AROUND, FRAMES, HAND, bus
 from five_finger_hand import RAYS as RING
-from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.systems.framework import BusValue
 from selections import regions_of
 
 import drake_pregrasp as dp
@@ -22,12 +21,6 @@ from drake_pregrasp.systems.sources import HandPose
 N, NQ, RADIUS = 5, 19, 0.009
 PERIOD, CONTROL_PERIOD = 0.05, 0.02
 SETTINGS = dp.GraspConfig().make_settings()
-NO_POSES = (
-    RigidTransform([1e300, 0.0, np.nan]),
-    RigidTransform(RotationMatrix.MakeUnchecked(np.full((3, 3), np.nan)), np.zeros(3)),
-    RigidTransform(RotationMatrix.MakeUnchecked(1.1 * np.eye(3)), np.zeros(3)),
-)
-BAD_NUMBERS = (np.nan, np.inf, -np.inf, 1e300, -1e300)
 X_WO = RigidTransform(RollPitchYaw(0.2, -0.4, 1.0), [0.5, -0.3, 0.2])
 CUBE = dp.BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1))
 
@@ -240,32 +233,3 @@ def driven(name):
     system = MAKERS[name]()
     inputs, _ = port_names(system)
     return Driven(system, **{port: VALUES[port][0] for port in inputs})
-
-
-def spoiled_wall(number):
-    """A wall whose place is spoilt after it is made, since it is refused otherwise."""
-    obstacles = wall(9.0)
-    obstacles.solids[0].point[0] = number
-    return obstacles
-
-
-def broken_values(sound):
-    """Yields broken values of the kind of a port's sound value."""
-    if isinstance(sound, RigidTransform):
-        yield from NO_POSES
-        return
-    for number in BAD_NUMBERS:
-        if isinstance(sound, SpatialVelocity):
-            yield SpatialVelocity(w=[0.0, number, 0.0], v=[number, 0.0, 0.0])
-        elif isinstance(sound, BusValue):
-            points = points_of(sound)
-            points[2, 1] = number
-            yield bus(points, RING)
-        elif isinstance(sound, dp.Obstacles):
-            yield spoiled_wall(number)
-        else:
-            for index in {0, len(sound) // 2, len(sound) - 1}:
-                yield np.where(np.arange(len(sound)) == index, number, sound)
-            yield np.full(len(sound), number)
-    if isinstance(sound, BusValue):
-        yield BusValue()

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from broken_values import broken_values
 from driven import Driven, port_names
 from five_finger_hand import FRAMES
 from made_systems import (
@@ -9,7 +10,6 @@ from made_systems import (
     P_OC,
     SURFACE,
     VALUES,
-    broken_values,
     planner_config,
 )
 from pydrake.common.value import AbstractValue

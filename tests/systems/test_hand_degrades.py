@@ -3,6 +3,7 @@
 import made_systems
 import numpy as np
 import pytest
+from broken_values import NO_POSES, broken_values, spoiled_wall
 
 from drake_pregrasp import GraspConfig, Obstacles, TrackingStatus
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase
@@ -15,7 +16,7 @@ def test_tips_never_outrun_their_speed_and_come_back():
     rng = np.random.default_rng(4)
     for _ in range(60):
         port = rng.choice([p for p in player.inputs if p != "command"])
-        choices = [*made_systems.broken_values(player.inputs[port])]
+        choices = [*broken_values(player.inputs[port])]
         player.fix(**{port: choices[rng.integers(len(choices))]})
         player.tick()
         player.fix(**{port: player.inputs[port]})
@@ -51,7 +52,7 @@ def test_tips_stay_where_an_obstacle_may_be_anywhere():
     player = made_systems.driven("shaper")
     player.tick(2)
     before = player.array("p_GT")
-    player.fix(contact_status=np.zeros(made_systems.N), obstacles=made_systems.spoiled_wall(np.nan))
+    player.fix(contact_status=np.zeros(made_systems.N), obstacles=spoiled_wall(np.nan))
     player.tick(5)
     np.testing.assert_array_equal(player.array("p_GT"), before)
     player.fix(obstacles=Obstacles())
@@ -77,7 +78,7 @@ def tracking_hand():
     [
         ("tracking_status", [float(TrackingStatus.LOST)]),
         ("tracking_status", [float(TrackingStatus.WAITING)]),
-        ("X_WO_estimated", made_systems.NO_POSES[0]),
+        ("X_WO_estimated", NO_POSES[0]),
     ],
 )
 def test_a_hand_closes_on_nothing_that_it_does_not_see(tracking_hand, port, value):
@@ -118,7 +119,7 @@ def test_an_unknown_pose_is_the_last_one():
     player = made_systems.driven("sequencer")
     player.tick(100)
     last = player.array("X_WG")
-    player.fix(X_WO_estimated=made_systems.NO_POSES[0])
+    player.fix(X_WO_estimated=NO_POSES[0])
     player.tick(2)
     np.testing.assert_allclose(player.array("X_WG"), last, atol=1e-12)
     np.testing.assert_allclose(player.eval("command").R_WO, last[:, :3], atol=1e-12)

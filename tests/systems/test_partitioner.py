@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from made_systems import NO_POSES, X_WO, N, partition, sloping_measures
+from broken_values import NO_POSES
+from made_systems import X_WO, N, partition, sloping_measures
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 

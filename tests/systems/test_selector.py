@@ -4,11 +4,11 @@ import dataclasses
 
 import numpy as np
 import pytest
+from broken_values import NO_POSES
 from driven import Driven
 from five_finger_hand import points_of
 from made_systems import (
     AROUND,
-    NO_POSES,
     PERIOD,
     X_WO,
     N,
