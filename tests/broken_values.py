@@ -6,7 +6,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import BusValue
 
-from drake_pregrasp import HalfSpace, Obstacles
+from drake_pregrasp import BallSolid, HalfSpace, Obstacles
 
 NO_POSES = (
     RigidTransform([1e300, 0.0, np.nan]),
@@ -37,6 +37,9 @@ def broken_values(sound):
             yield bus(points, RAYS)
         elif isinstance(sound, Obstacles):
             yield spoiled_wall(number)
+            ball = BallSolid(np.array([9.0, 0.0, 0.0]), 0.02)
+            ball.center[1] = number
+            yield Obstacles((ball,))
         else:
             for index in {0, len(sound) // 2, len(sound) - 1}:
                 yield np.where(np.arange(len(sound)) == index, number, sound)

@@ -83,17 +83,15 @@ def test_a_slider_keeps_within_the_declared_range_whatever_a_page_sends(name):
 
     for slider in make_sliders(scenario):
         run = Run()
-        for sent in (-1e308, 0.0, slider.high, 1e308):
+        for sent in (-1e308, 0.0, 1e308, float("nan"), float("inf"), -float("inf")):
             slider.apply(run, sent)
             for path, rules in slider.fields.items():
                 key = path.split("_")[0].split(".")[-1]
                 value = run.velocity[key] if run.velocity else attrgetter(path)(scenario)
-                assert scalar_problem(value, float, rules) is None, (path, sent)
                 low, high = rules["typical"]
+                assert scalar_problem(value, float, rules) is None, (path, sent)
                 assert low - 1e-9 <= value <= high + 1e-9
-        for sent in (float("nan"), float("inf"), -float("inf")):
-            slider.apply(run, sent)
-        assert value == pytest.approx(high), "the highest value was sent last that is finite"
+        assert value == pytest.approx(high), "a value that is not finite was not ignored"
 
 
 def test_a_run_goes_on_after_a_refused_change():
