@@ -133,7 +133,7 @@ def test_the_guide_to_a_hand_of_your_own_grasps_with_it(example, monkeypatch, tm
     shutil.copy(DOCS / "own_hand" / "gripper.urdf", tmp_path)
     text = (DOCS / "own_hand.md").read_text(encoding="utf-8")
     options = re.findall(r"--scenario_text '(.*)'", text)[example]
-    name = re.search(r"hand: (\w+\.yaml)", options)[1]
+    name = re.search(r"hand: \{file: (\w+\.yaml)\}", options)[1]
     (tmp_path / name).write_text(blocks("own_hand.md", "yaml")[example])
     scenario = load_scenario("grasp_five_finger", text=options)
     grasp = run(scenario, name="mine", out=tmp_path, recording=False).summary["grasp"]

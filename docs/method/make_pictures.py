@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, to_rgba
 from matplotlib.figure import Figure
 
-from drake_pregrasp import Scenario, SelectionInput, compute_safe_regions, load_scenario
+from drake_pregrasp import ResolvedScenario, SelectionInput, compute_safe_regions, load_resolved
 from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.contacts.centroids import position_tracking, select_contacts
 from drake_pregrasp.quality.grasp_quality import grasp_quality
@@ -75,11 +75,10 @@ def draw_plane(axis: Axes, h: FloatArray) -> None:
     axis.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
 
 
-def ticks_figure(scenario: Scenario, ticks: tuple[int, ...] = (0, 1, 20)) -> Figure:
+def ticks_figure(resolved: ResolvedScenario, ticks: tuple[int, ...] = (0, 1, 20)) -> Figure:
     """Returns the picture of regions and goals of some ticks, on the unrolled side faces."""
-    surface = scenario.make_surface(0.0025)
-    p_OC = scenario.initial_p_OC(surface)
-    covariance = scenario.planner.position_spread**2 * np.eye(3)
+    surface, p_OC = resolved.sampled_surface(0.0025), resolved.start.p_OC
+    covariance = resolved.planner.position_spread**2 * np.eye(3)
     strip = unrolled(surface, surface.p_OQ, surface.nhat_OQ)
     figure = Figure(figsize=(9, 6.4), layout="constrained")
     axes = dict(zip(ticks, figure.subplots(len(ticks), 1, sharex=True), strict=True))
@@ -109,11 +108,11 @@ def draw_strip(axis: Axes, strip: FloatArray, labels: IntArray) -> None:
 
 def main(folder: Path) -> None:
     """Writes the pictures into a folder."""
-    scenario = load_scenario("a_base")
+    resolved = load_resolved("a_base")
     figures = {
         "regions": regions_figure(),
-        "ticks": ticks_figure(scenario),
-        "weights": figure_2c(scenario, 1),
+        "ticks": ticks_figure(resolved),
+        "weights": figure_2c(resolved, 1),
     }
     for name, figure in figures.items():
         figure.savefig(folder / f"{name}.png", dpi=100, bbox_inches="tight")

@@ -58,12 +58,10 @@ class GraspingHand(NamedTuple):
     Attributes:
         controller: Controller of the hand.
         planner: Planner of its contacts, and of its estimate of the object.
-        goals: System whose goals the hand follows, by default the planner.
     """
 
     controller: HandController
     planner: PregraspPlanner
-    goals: System
 
 
 def add_grasping_hand(
@@ -138,7 +136,7 @@ def add_grasping_hand(
     connect(builder, controller, "hold_contacts V_WO_held X_WU", planning)
     if planner.limits.reach:
         connect(builder, controller, "X_WH", planning)
-    return GraspingHand(controller, planning, source)
+    return GraspingHand(controller, planning)
 
 
 def AddHandController(

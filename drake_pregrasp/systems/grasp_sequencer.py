@@ -213,10 +213,10 @@ class GraspSequencer(LeafSystem):
         R_WO, p_WO = self._pose.split(context)
         V_WO = ports.validated_velocity(self._V_WO.Eval(context))
         R_WG, p_WG, V_WG = R_WO, p_WO, V_WO
+        half = self._config.period / 2
         if self._is_gripped(context):
             motion: HeldMotion = self._held.Eval(context)
-            R_WG, p_WG = motion.R_WG, motion.p_WG
-            V_WG = motion.V_WG + self._config.period / 2 * motion.A_WG
+            R_WG, p_WG, V_WG = motion.R_WG, motion.p_WG, motion.V_WG + half * motion.A_WG
         axis = self._rising_axis(state, time)
         return GraspCommand(
             R_WO=R_WO,
@@ -224,7 +224,7 @@ class GraspSequencer(LeafSystem):
             V_WO=V_WO,
             R_WG=R_WG,
             p_WG=p_WG + state.height.value(time) * axis,
-            V_WG=np.array([V_WG[0], V_WG[1] + state.height.rate(time) * axis]),
+            V_WG=np.array([V_WG[0], V_WG[1] + state.height.rate(time + half) * axis]),
             is_tracked=self._pose.is_tracked(context),
             holds_contacts=state.holds_contacts,
             standoffs=state.standoffs,

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from drake_pregrasp import load_resolved
 from drake_pregrasp.studies.paper import claims
 from drake_pregrasp.studies.paper.paper_cases import SPACINGS
 
@@ -83,10 +84,8 @@ def test_settled_values_below_the_best_are_shown():
 
 
 def test_costs_of_the_reference_spacing_would_be_zero(monkeypatch):
-    from drake_pregrasp import load_scenario
-
     monkeypatch.setattr(claims, "REFERENCE_SPACING", SPACINGS[1])
-    costs = claims.discretisation_costs(load_scenario("a_base"), starts=2, ticks=2)
+    costs = claims.discretisation_costs(load_resolved("a_base"), starts=2, ticks=2)
     assert costs.shape == (2, len(SPACINGS))
     np.testing.assert_array_equal(costs["5 mm"], 0)
     assert np.any(costs["10 mm"] > 0)

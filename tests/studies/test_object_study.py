@@ -75,10 +75,10 @@ def test_a_missing_extra_is_named_and_not_taken_for_objects_that_do_not_fit(monk
 def test_a_trial_has_the_objects_own_yaw_of_the_seed():
     jobs = [ObjectJob("primitives", name, HAND, 20.0, "reactive", 3) for name in ("cube_50",) * 2]
     jobs += [jobs[0]._replace(seed=4), jobs[0]._replace(object="tall_box")]
-    yaws = [make_scenario(job).motion.yaw for job in jobs]
+    yaws = [make_scenario(job).scenario.motion.yaw for job in jobs]
     assert yaws[0] == yaws[1]
     assert len(set(yaws)) == 3
-    motion = make_scenario(jobs[0]._replace(speed=40.0)).motion
+    motion = make_scenario(jobs[0]._replace(speed=40.0)).scenario.motion
     assert motion.linear_velocity == pytest.approx(0.04)
     assert motion.angular_velocity == pytest.approx(np.radians(20))
 
@@ -104,7 +104,7 @@ def test_a_palm_comes_from_the_side_if_there_is_no_grasp_from_above(monkeypatch)
     text = f"surface: {{spacing: 0.02, forbidden_faces: [], {lower}}}"
     for name, approaches in (("tall", ["side"]), ("box", ["above"])):
         job = ObjectJob("odd", name, HAND, 20.0, "dynamic_reach", 3, text)
-        assert make_scenario(job).grasp.approaches == approaches
+        assert make_scenario(job).scenario.grasp.approaches == approaches
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from PIL import Image
 from pydrake.geometry import Rgba, SceneGraph, Sphere
 from pydrake.math import RigidTransform
 
-from drake_pregrasp import ContactStatus, load_resolved, load_scenario
+from drake_pregrasp import ContactStatus, load_resolved
 from drake_pregrasp.studies import gallery, pictures, shape_study
 from drake_pregrasp.studies.film import film_scenario
 from drake_pregrasp.studies.gallery import FRAME_TIME, describe_limits, film_grasp, make_gallery
@@ -66,8 +66,8 @@ def test_a_mesh_is_drawn_where_its_triangles_are_lifted_to():
 
 @pytest.mark.slow
 def test_a_hand_is_seen_at_four_moments_that_differ():
-    scenario = load_scenario("grasp_five_finger", text="{simulation_duration: 8.0}")
-    image = film_grasp(scenario).at_phases()
+    resolved = load_resolved("grasp_five_finger", text="{simulation_duration: 8.0}")
+    image = film_grasp(resolved).at_phases()
     assert image.dtype == np.uint8
     height, width, _ = image.shape
     assert width == 4 * height + 3 * 8
@@ -87,7 +87,7 @@ def colourful(image):
 @pytest.mark.slow
 def test_a_film_shows_regions_at_the_rate_of_its_frames():
     text = "{simulation_duration: 0.3, planner: {static_duration: 0.0}}"
-    frames = film_grasp(load_scenario("grasp_five_finger", text=text)).frames
+    frames = film_grasp(load_resolved("grasp_five_finger", text=text)).frames
     assert len(frames) == 1 + round(0.3 / FRAME_TIME)
     assert all(frame.shape == frames[0].shape for frame in frames)
     assert colourful(frames[-1]) > 0.01  # Without regions and goals it is 0.003.

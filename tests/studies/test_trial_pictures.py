@@ -116,10 +116,11 @@ def test_a_picture_shows_contacts_and_regions_where_they_are(tracking):
 @pytest.mark.slow
 def test_a_picture_leaves_no_trace(tracking):
     before, scene = state_of(tracking.context), tracking.station.scene_graph
+    command = tracking.diagram.GetSubsystemByName("close_command")
     trial_pictures.photograph(tracking, annotate=True)
     assert scene.RendererCount(scene.GetMyContextFromRoot(tracking.context)) == 0
     np.testing.assert_array_equal(state_of(tracking.context), before)
-    assert tracking.diagram.GetInputPort("close").Eval(tracking.context) == [0.0]
+    assert command.get_output_port().Eval(command.GetMyContextFromRoot(tracking.context)) == [0.0]
 
 
 @pytest.mark.slow

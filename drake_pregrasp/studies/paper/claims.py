@@ -11,8 +11,7 @@ from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.grasp_quality import grasp_quality
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
-from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.simulation.scenario_file import resolve
+from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.studies.paper.paper_cases import SCENARIOS, SPACINGS, TABLE_2, TABLE_3
 from drake_pregrasp.systems.run_timeline import MEASURES
 
@@ -186,7 +185,9 @@ _CLAIMS: tuple[tuple[str, str, Callable[[pd.DataFrame], Verdict]], ...] = (
 )
 
 
-def discretisation_costs(scenario: Scenario, *, starts: int = 20, ticks: int = 12) -> pd.DataFrame:
+def discretisation_costs(
+    resolved: ResolvedScenario, *, starts: int = 20, ticks: int = 12
+) -> pd.DataFrame:
     """Returns the largest loss of Q_GII in a step, with a row per start and a column per spacing.
 
     Position tracking is iterated on the reference surface without noise or physics. At each tick
@@ -194,15 +195,14 @@ def discretisation_costs(scenario: Scenario, *, starts: int = 20, ticks: int = 1
     minus that of the coarser surface.
 
     Args:
-        scenario: Scenario with the object, the surface and the spread.
+        resolved: Object, surface and spread.
         starts: Number of random initial contact sets.
         ticks: Number of ticks from each initial set.
     """
-    resolved = resolve(scenario)
     fine = resolved.sampled_surface(REFERENCE_SPACING)
     coarse = [resolved.sampled_surface(spacing) for spacing in SPACINGS]
     half = fine.mesh.extents / 2
-    covariance = scenario.planner.position_spread**2 * np.eye(3)
+    covariance = resolved.planner.position_spread**2 * np.eye(3)
     costs = np.zeros((starts, len(SPACINGS)))
     for start in range(starts):
         p_OC, _ = fine.project(np.random.default_rng(start).uniform(-half, half, (5, 3)))

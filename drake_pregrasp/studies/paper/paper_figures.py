@@ -14,8 +14,7 @@ from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import make_strategy
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.safe_regions import NO_REGION, compute_safe_regions
-from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.simulation.scenario_file import resolve
+from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.studies.paper.paper_cases import CaseLog
 from drake_pregrasp.studies.pictures import ByteArray, render_goals
 
@@ -35,19 +34,18 @@ _STRATEGY_TITLES = {
 }
 
 
-def figure_2c(scenario: Scenario, contact: int) -> Figure:
+def figure_2c(resolved: ResolvedScenario, contact: int) -> Figure:
     """Returns Figure 2c: weight maps of the four strategies on one region, with their goals.
 
     The side faces are unrolled: the horizontal axis goes once around the object.
 
     Args:
-        scenario: Scenario with the object, the surface and the initial contacts.
+        resolved: Object, surface and initial contacts.
         contact: Index of the contact whose region is shown.
     """
-    resolved = resolve(scenario)
     surface, p_OC = resolved.sampled_surface(0.0025), resolved.start.p_OC
     regions = compute_safe_regions(surface.p_OQ, p_OC, np.zeros(len(p_OC)), surface.forbidden)
-    covariance = scenario.planner.position_spread**2 * np.eye(3)
+    covariance = resolved.planner.position_spread**2 * np.eye(3)
     selection = SelectionInput(surface, p_OC, regions, covariance)
     q = regions.members(contact)
     strip = unrolled(surface, surface.p_OQ[q], surface.nhat_OQ[q])

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.simulation.output import make_folder, write_text, writing
-from drake_pregrasp.simulation.scenario_file import load_scenario
+from drake_pregrasp.simulation.scenario_file import load_resolved
 from drake_pregrasp.studies.paper import paper_cases
 from drake_pregrasp.studies.paper.claims import STRATEGY_CASES, discretisation_costs, judge_claims
 from drake_pregrasp.studies.paper.paper_cases import LITERAL, SCENARIOS, TABLE_2, TABLE_3, CaseLog
@@ -73,7 +73,7 @@ def reproduce(
     jobs = [paper_cases.case_job(row, seed, duration) for seed in seeds for row in rows]
     jobs += [paper_cases.spacing_job(spacing, duration) for spacing in paper_cases.SPACINGS]
     runs = paper_cases.run_cases(jobs, out / "runs", on_progress=on_progress)
-    claims = judge_claims(runs, discretisation_costs(load_scenario("a_base")))
+    claims = judge_claims(runs, discretisation_costs(load_resolved("a_base")))
     tables = {"table2": paper_table(TABLE_2, runs), "table3": paper_table(TABLE_3, runs)}
     content = {
         name: json.loads(table.to_json(orient="records", double_precision=15))
@@ -145,7 +145,7 @@ def _texts(table: pd.DataFrame) -> pd.DataFrame:
 def _figures(logs: Mapping[str, CaseLog]) -> dict[str, Figure]:
     """Returns the figures whose cases were run, by the names of their files."""
     figures = {
-        "figure_2c": figure_2c(load_scenario("a_base"), SHOWN_REGION),
+        "figure_2c": figure_2c(load_resolved("a_base"), SHOWN_REGION),
         "figure_4": figure_4(logs),
     }
     if set("afj") <= set(logs):
