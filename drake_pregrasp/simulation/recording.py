@@ -1,5 +1,11 @@
 """Visualizers of a simulation, and its recording in Meshcat."""
 
+import contextlib
+import os
+import secrets
+import socket
+import stat
+import sys
 from typing import NamedTuple
 
 import numpy as np
@@ -35,24 +41,44 @@ _NEAREST = 1.1  # Smallest distance of the camera, in object sizes.
 _VIEW = 0.55  # Share of a path's length that counts as object size, so that all of it is visible.
 
 
-_SCENE = "/drake"  # Path under which everything is drawn.
-
-
 def start_meshcat(*, live: bool = False) -> Meshcat:
-    """Starts a viewer at any free port, for connections from this machine only.
+    """Starts a viewer that no web page can reach.
+
+    Drake's server accepts pages of every origin, and a malformed message to it ends the process.
+    So nothing listens at all for a recording. For watching, the server has a random port and, on
+    Linux, a random address of this machine, and `served_page` stands in front of it.
 
     Args:
-        live: Whether the viewer is for watching; otherwise it is empty until `recording_html`.
+        live: Whether the viewer is for watching; otherwise it only records.
 
     Raises:
         OutputError: If Drake may not open a port.
     """
+    random = ".".join(str(1 + secrets.randbelow(254)) for _ in range(3))
+    host = f"127.{random}" if sys.platform == "linux" else "127.0.0.1"
     try:
-        meshcat = Meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
+        meshcat = Meshcat(MeshcatParams(host=host, port=0, show_stats_plot=False))
     except RuntimeError as error:
         raise OutputError(f"Meshcat cannot start ({error}); run without a recording") from error
-    meshcat.SetProperty(_SCENE, "visible", live)
+    if not live:
+        _close_sockets((host, meshcat.port()))
     return meshcat
+
+
+def _close_sockets(address: tuple[str, int]) -> None:
+    """Closes the sockets of this process at an address.
+
+    Their owner keeps its descriptors, which are those of an empty file from now on.
+    """
+    for descriptor in map(int, os.listdir("/dev/fd")):
+        with contextlib.suppress(OSError):  # The list has its own descriptor, which is closed.
+            if not stat.S_ISSOCK(os.fstat(descriptor).st_mode):
+                continue
+            with socket.socket(fileno=os.dup(descriptor)) as found:
+                is_there = found.getsockname() == address
+            if is_there:
+                with open(os.devnull, "rb") as nothing:
+                    os.dup2(nothing.fileno(), descriptor, inheritable=False)
 
 
 class CameraView(NamedTuple):
@@ -179,7 +205,6 @@ def recording_html(meshcat: Meshcat, timeline: RunTimeline) -> str:
     """
     meshcat.StopRecording()
     meshcat.PublishRecording()
-    meshcat.SetProperty(_SCENE, "visible", True)
     return timeline.added_to(meshcat.StaticHtml())
 
 

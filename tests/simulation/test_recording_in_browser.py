@@ -11,7 +11,6 @@ from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.systems.analysis import Simulator
 
 from drake_pregrasp import load_scenario, make_diagram
-from drake_pregrasp.simulation.recording import start_meshcat
 
 pytestmark = [
     pytest.mark.slow,
@@ -96,14 +95,3 @@ def test_a_recording_tells_what_happens_when_it_happens(recorded_run, base_log, 
         browser.until("viewer.animator.playing && viewer.animator.mixer.timeScale < 1")
     finally:
         browser.close()
-
-
-def test_the_server_of_a_run_shows_nothing(tmp_path):
-    meshcat = start_meshcat()
-    scenario = load_scenario("a_base")
-    diagram = make_diagram(scenario, meshcat=meshcat, record=True)
-    Simulator(diagram).AdvanceTo(0.1)
-    page = tmp_path / "during.html"
-    page.write_text(meshcat.StaticHtml())
-    scene = picture(page, 0.0, tmp_path)[30:]  # Below Meshcat's own bar.
-    assert scene.min() > 0.8  # The background only.
