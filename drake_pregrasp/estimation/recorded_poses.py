@@ -2,9 +2,10 @@
 
 import csv
 import math
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from io import StringIO
+from io import BytesIO, TextIOWrapper
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.resources import read_bounded_text
+from drake_pregrasp.resources import read_bounded
 
 COLUMNS = ("time", "x", "y", "z", "qw", "qx", "qy", "qz")
 """Columns of a pose stream's CSV file: time in seconds, position in metres, unit quaternion."""
@@ -33,6 +34,8 @@ QUATERNION_TOLERANCE = 0.01
 """Largest deviation of a quaternion's length from 1, so that a few digits are enough."""
 
 _SHOWN = 40  # Characters of a cell in a message.
+# Not `1_0` or digits of other scripts, which `float` reads too.
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 _POSITION, _QUATERNION = slice(1, 4), slice(4, 8)
 
 
@@ -83,10 +86,10 @@ def read_recorded_poses(path: Path) -> RecordedPoses:
         InvalidArgumentError: If the file is invalid; the message names file, row, column and value.
             Row 1 is the header.
     """
-    text = read_bounded_text(path, MAX_BYTES)
+    data = read_bounded(path, MAX_BYTES)
     try:
-        rows = list(_rows(text))
-    except csv.Error as error:
+        rows = list(_rows(data))
+    except (csv.Error, UnicodeDecodeError) as error:
         raise InvalidArgumentError(f"{path}: cannot be read: {error}") from error
     except InvalidArgumentError as error:
         raise InvalidArgumentError(f"{path}: {error}") from error
@@ -95,22 +98,25 @@ def read_recorded_poses(path: Path) -> RecordedPoses:
     return RecordedPoses.from_rows(rows)
 
 
-def _lines(text: str) -> Iterator[str]:
-    for number, line in enumerate(StringIO(text, newline=""), start=1):
+def _lines(data: bytes) -> Iterator[str]:
+    file = TextIOWrapper(BytesIO(data), encoding="utf-8-sig", newline="")
+    for number, line in enumerate(iter(lambda: file.readline(MAX_LINE + 1), ""), start=1):
         if len(line) > MAX_LINE:
             raise InvalidArgumentError(f"row {number}: has more than {MAX_LINE} characters")
         yield line
 
 
-def _rows(text: str) -> Iterator[list[float]]:
+def _rows(data: bytes) -> Iterator[list[float]]:
     """Yields the values of each row, in the order of `COLUMNS`; errors name row and column."""
-    reader = csv.reader(_lines(text))
+    reader = csv.reader(_lines(data))
     header = [name.strip() for name in next(reader, [])]
     for name in COLUMNS:
         if name not in header:
             raise InvalidArgumentError(
                 f"row 1: lacks the column {name}; the header must be {','.join(COLUMNS)}"
             )
+        if header.count(name) > 1:
+            raise InvalidArgumentError(f"row 1: has the column {name} more than once")
     places = [header.index(name) for name in COLUMNS]
     previous = -math.inf
     for number, cells in enumerate(reader, start=2):
@@ -135,10 +141,7 @@ def _rows(text: str) -> Iterator[list[float]]:
 
 
 def _number(place: str, cell: str) -> float:
-    try:
-        value = float(cell)
-    except ValueError:
-        value = math.nan
+    value = float(cell) if _NUMBER.fullmatch(cell.strip()) else math.nan
     if not math.isfinite(value):
         raise InvalidArgumentError(f"{place}: {cell.strip()[:_SHOWN]!r} must be a finite number")
     return value

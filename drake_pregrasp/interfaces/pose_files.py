@@ -4,7 +4,8 @@ import json
 import math
 import sqlite3
 import struct
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from functools import cache
 from io import BytesIO
@@ -26,8 +27,20 @@ from drake_pregrasp.resources import check_inside, read_bounded
 MAX_BAG_BYTES = 100_000_000
 """Largest size of an MCAP file or of a rosbag2, packed and unpacked, in bytes."""
 
-MAX_BAG_STEPS = 100_000_000
-"""Largest number of instructions of SQLite to read one file."""
+MAX_SECONDS = 8
+"""Longest processing time to read an MCAP file or a rosbag2, in seconds."""
+
+MAX_MESSAGE_BYTES = 1_000_000
+"""Largest size of a message with poses, in bytes."""
+
+MAX_POSES = 1_000_000
+"""Largest number of poses of all frames together."""
+
+MAX_NAME = 300
+"""Largest number of characters of the name of a topic or of a frame."""
+
+MAX_TOPICS = 1000
+"""Largest number of topics with poses, and of frames."""
 
 _LISTED = 8  # Choices in a message.
 _MAGIC = 8  # Bytes before the first record of an MCAP file.
@@ -48,6 +61,9 @@ _KINDS = {
     "foxglove.FrameTransform": _TRANSFORM,
     "foxglove.FrameTransforms": _TRANSFORM,
 }
+
+Pose: TypeAlias = tuple[float, ...]
+"""Values of `COLUMNS` without the time."""
 
 _Message: TypeAlias = tuple[str, str, int, bytes]  # Topic, kind, nanoseconds, content.
 
@@ -100,15 +116,26 @@ def read_poses(path: Path, topic: str = "", frame: str = "") -> RecordedPoses:
     return RecordedPoses.from_rows(rows)
 
 
-def _only_track(path: Path, topic: str, frame: str) -> tuple[Track, dict[int, list[float]]]:
+def _only_track(path: Path, topic: str, frame: str) -> tuple[Track, dict[int, Pose]]:
     """Returns the poses of one frame by their stamps."""
-    tracks: dict[Track, dict[int, list[float]]] = {}
+    tracks: dict[Track, dict[int, Pose]] = {}
+    total = 0
     for message in _messages(path):
+        if len(message[-1]) > MAX_MESSAGE_BYTES:
+            raise InvalidArgumentError(f"has a message of more than {MAX_MESSAGE_BYTES / 1e6:g} MB")
         for track, stamp, values in _poses(message):
             poses = tracks.setdefault(track, {})
+            total += stamp not in poses
             poses.setdefault(stamp, values)
-            if len(poses) > MAX_ROWS:
-                raise InvalidArgumentError(f"{track}: has more than {MAX_ROWS} poses; take fewer")
+            if len(poses) > MAX_ROWS or total > MAX_POSES:
+                raise InvalidArgumentError(
+                    f"{track}: has more than {MAX_ROWS} poses (all frames: {MAX_POSES}); take fewer"
+                )
+            if len(tracks) > MAX_TOPICS or max(map(len, track)) > MAX_NAME:
+                raise InvalidArgumentError(
+                    f"has more than {MAX_TOPICS} frames, or a name of more than {MAX_NAME}"
+                    " characters; keep only the object's"
+                )
     chosen = [t for t in tracks if topic in ("", t.topic) and frame in ("", t.frame)]
     if len(chosen) != 1:
         if not tracks:
@@ -129,15 +156,22 @@ def _messages(path: Path) -> Iterator[_Message]:
     sizes = [file.stat().st_size for file in files]
     if sum(sizes) > MAX_BAG_BYTES:
         raise InvalidArgumentError(f"has more than {MAX_BAG_BYTES / 1e6:g} MB; keep only poses")
+    is_late = _deadline()
     for file, size in zip(files, sizes, strict=True):
         check_inside(file, [path])
         if file.suffix == ".db3":
-            yield from _sqlite_messages(file)
+            yield from _sqlite_messages(file, is_late)
         else:
-            yield from _mcap_messages(read_bounded(file, size))
+            yield from _mcap_messages(read_bounded(file, size), is_late)
 
 
-def _mcap_messages(data: bytes) -> Iterator[_Message]:
+def _deadline() -> Callable[[], bool]:
+    """Returns a function that tells whether `MAX_SECONDS` of processing time have passed."""
+    end = time.thread_time() + MAX_SECONDS
+    return lambda: time.thread_time() > end
+
+
+def _mcap_messages(data: bytes, is_late: Callable[[], bool]) -> Iterator[_Message]:
     """Yields messages of an MCAP file; the library's own loops do not limit memory and time."""
     from mcap.data_stream import ReadDataStream
     from mcap.opcode import Opcode
@@ -147,13 +181,17 @@ def _mcap_messages(data: bytes) -> Iterator[_Message]:
     read_magic(ReadDataStream(BytesIO(data)))
     kinds: dict[int, str] = {}
     topics: dict[int, tuple[str, str]] = {}
-    unpacked, open_records = 0, [_records(data[_MAGIC:])]
+    unpacked, open_records = 0, [_records(memoryview(data)[_MAGIC:])]
     while open_records:
         for opcode, body in open_records[-1]:
+            if is_late():
+                raise InvalidArgumentError(f"takes more than {MAX_SECONDS} s to read")
             if opcode == Opcode.MESSAGE and int.from_bytes(body[:2], "little") in topics:
                 message = Message.read(ReadDataStream(BytesIO(body)), len(body))
                 yield *topics[message.channel_id], message.log_time, message.data
             elif opcode == Opcode.CHUNK:
+                if len(open_records) > 1:
+                    raise InvalidArgumentError("has a chunk inside of a chunk")
                 chunk = Chunk.read(ReadDataStream(BytesIO(body)))
                 unpacked += chunk.uncompressed_size
                 if unpacked > MAX_BAG_BYTES:
@@ -173,16 +211,16 @@ def _mcap_messages(data: bytes) -> Iterator[_Message]:
             open_records.pop()
 
 
-def _records(data: bytes) -> Iterator[tuple[int, memoryview]]:
+def _records(view: memoryview) -> Iterator[tuple[int, memoryview]]:
     """Yields opcode and content of the records of an MCAP file or of a chunk."""
-    view, start = memoryview(data), 0
+    start = 0
     while start + _RECORD.size <= len(view):  # The last magic bytes are no record.
         opcode, length = _RECORD.unpack_from(view, start)
         start += _RECORD.size + length
         yield opcode, view[start - length : start]
 
 
-def _unpacked(chunk: Any) -> bytes:
+def _unpacked(chunk: Any) -> memoryview:
     """Returns the content of a chunk of an MCAP file, which is at most as large as it says."""
     import lz4.frame
     import zstandard
@@ -194,23 +232,42 @@ def _unpacked(chunk: Any) -> bytes:
         data = zstandard.ZstdDecompressor().stream_reader(data).read(size)
     elif chunk.compression:
         raise InvalidArgumentError(f"has chunks of an unknown compression {chunk.compression!r}")
-    return bytes(data)
+    return memoryview(data)[:size]
 
 
-def _sqlite_messages(file: Path) -> Iterator[_Message]:
-    query = (
-        "SELECT topics.name, topics.type, messages.timestamp, messages.data FROM messages"
-        " JOIN topics ON messages.topic_id = topics.id"
-        f" WHERE topics.type IN ({','.join('?' * len(_KINDS))})"
-    )
-    millions = iter(range(MAX_BAG_STEPS // 10**6))
+def _sqlite_messages(file: Path, is_late: Callable[[], bool]) -> Iterator[_Message]:
+    """Yields messages of an SQLite file, of which only plain tables are read."""
     uri = f"{file.absolute().as_uri()}?mode=ro&immutable=1"
     with closing(sqlite3.connect(uri, uri=True)) as database:
-        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_BAG_BYTES)
-        database.set_progress_handler(lambda: next(millions, None) is None, 10**6)
-        database.execute("PRAGMA trusted_schema = OFF")
-        for topic, kind, time, data in database.execute(query, tuple(_KINDS)):
-            yield str(topic), kind, int(time), bytes(data)
+        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_MESSAGE_BYTES)
+        database.set_progress_handler(is_late, 100)
+        for table in ("topics", "messages"):
+            query = "SELECT rootpage > 0 FROM sqlite_master WHERE type = 'table' AND name = ?"
+            is_table = database.execute(query, (table,)).fetchall() == [(1,)]
+            # Generated columns are hidden; others are only read.
+            if not is_table or any(c[-1] for c in database.execute(f"PRAGMA table_xinfo({table})")):
+                raise InvalidArgumentError(f"{file.name}: {table} is no table of plain columns")
+        reads = (sqlite3.SQLITE_SELECT, sqlite3.SQLITE_READ)
+        denied = {True: sqlite3.SQLITE_OK, False: sqlite3.SQLITE_DENY}
+        database.set_authorizer(lambda action, *_: denied[action in reads])
+        topics = {
+            number: (str(name), kind)
+            for number, name, kind in database.execute("SELECT id, name, type FROM topics")
+            if kind in _KINDS
+        }
+        if len(topics) > MAX_TOPICS:
+            raise InvalidArgumentError(f"has more than {MAX_TOPICS} topics with poses")
+        query = "SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN"
+        total = 0
+        for number, stamp, data in database.execute(
+            f"{query} ({','.join('?' * len(topics))})", tuple(topics)
+        ):
+            if not (isinstance(data, bytes) and isinstance(stamp, int)):
+                raise InvalidArgumentError(f"{file.name}: has a message that is not of bytes")
+            total += len(data)
+            if total > MAX_BAG_BYTES:
+                raise InvalidArgumentError(f"unpacks to more than {MAX_BAG_BYTES / 1e6:g} MB")
+            yield *topics[number], stamp, data
 
 
 @cache
@@ -220,8 +277,8 @@ def _typestore() -> Any:
     return get_typestore(Stores.ROS2_HUMBLE)  # These messages are the same in all distributions.
 
 
-def _poses(message: _Message) -> Iterator[tuple[Track, int, list[float]]]:
-    """Yields the frames of the poses in a message, their stamps in nanoseconds, and `COLUMNS`."""
+def _poses(message: _Message) -> Iterator[tuple[Track, int, Pose]]:
+    """Yields the frames of the poses in a message, their stamps in nanoseconds, and the poses."""
     topic, kind, log_time, data = message
     is_json = kind.startswith(_FOXGLOVE)
     if is_json:
@@ -231,8 +288,15 @@ def _poses(message: _Message) -> Iterator[tuple[Track, int, list[float]]]:
     for part in getattr(value, "transforms", [value]):
         fields: list[Any] = [attrgetter(field)(part) if field else "" for field in _KINDS[kind]]
         stamp, parent, frame, p, q = fields
-        nanoseconds = int(stamp.sec) * 10**9 + int(stamp.nsec if is_json else stamp.nanosec)
-        values = [float(x) for x in (p.x, p.y, p.z, q.w, q.x, q.y, q.z)]
-        if not all(map(math.isfinite, values)):
-            raise InvalidArgumentError(f"topic {topic!r}: has a number that is not finite")
-        yield Track(topic, str(frame), str(parent)), nanoseconds or log_time, values
+        fraction = stamp.nsec if is_json else stamp.nanosec
+        values = (p.x, p.y, p.z, q.w, q.x, q.y, q.z)
+        if not all(type(x) in (int, float) and math.isfinite(x) for x in values):
+            raise InvalidArgumentError(f"topic {topic!r}: has a value that is no finite number")
+        if not type(stamp.sec) is type(fraction) is int:
+            raise InvalidArgumentError(f"topic {topic!r}: has a time that is no whole number")
+        nanoseconds = stamp.sec * 10**9 + fraction
+        yield (
+            Track(topic, str(frame), str(parent)),
+            nanoseconds or log_time,
+            tuple(map(float, values)),
+        )

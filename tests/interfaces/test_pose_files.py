@@ -137,8 +137,9 @@ def test_one_of_several_poses_is_named(tmp_path):
         ([b"\xff{"], "cannot be read"),
         ([b"[" * 100_000], "cannot be read"),
         ([{"timestamp": {"sec": 0, "nsec": 0}}], "cannot be read"),
-        ([foxglove_pose(sec="a")], "cannot be read: invalid literal"),
-        ([foxglove_pose(x=float("nan"))], "has a number that is not finite"),
+        ([foxglove_pose(sec="1_0")], "has a time that is no whole number"),
+        ([foxglove_pose(x="1_0")], "has a value that is no finite number"),
+        ([foxglove_pose(x=float("nan"))], "has a value that is no finite number"),
         ([foxglove_pose(x=350.0)], "350 m is more than 100 m away"),
         ([foxglove_pose(1), foxglove_pose(2, w=0.5)], "pose 1, columns qw to qz: a quaternion of"),
     ],
@@ -185,14 +186,28 @@ def test_large_files_are_refused(tmp_path, monkeypatch):
         read_poses(file)
 
 
+MAGIC = b"\x89MCAP0\r\n"
+
+
+def chunk(records, size=None, kind=""):
+    """Returns a chunk record, which may say a wrong size."""
+    builder = RecordBuilder()
+    size = len(records) if size is None else size
+    Chunk(kind, records, 0, 0, 0, uncompressed_size=size).write(builder)
+    return builder.end()
+
+
+def records_of(tmp_path, messages):
+    plain = write_mcap(tmp_path / "x.mcap", messages, use_chunking=False).read_bytes()
+    return plain[8 : plain.index(b"\x0f\x04\0\0\0\0\0\0\0")]  # Until the end of the data.
+
+
 @pytest.mark.parametrize("kind", ["lz4", "zstd"])
 def test_a_chunk_unpacks_to_no_more_than_it_says(tmp_path, kind):
-    plain = write_mcap(tmp_path / "x.mcap", [foxglove_pose()], use_chunking=False).read_bytes()
-    records = plain[8 : plain.index(b"\x0f\x04\0\0\0\0\0\0\0")]  # Until the end of the data.
+    records = records_of(tmp_path, [foxglove_pose()])
     compress = lz4.frame.compress if kind == "lz4" else zstandard.compress
-    data, builder = compress(records + bytes(50_000_000)), RecordBuilder()
-    Chunk(kind, data, 0, 0, 0, uncompressed_size=len(records)).write(builder)
-    (tmp_path / "x.mcap").write_bytes(plain[:8] + builder.end())
+    packed = chunk(compress(records + bytes(50_000_000)), len(records), kind)
+    (tmp_path / "x.mcap").write_bytes(MAGIC + packed)
     read_poses(write_mcap(tmp_path / "y.mcap", [foxglove_pose()]))  # Imports what it needs.
     tracemalloc.start()
     try:
@@ -202,16 +217,135 @@ def test_a_chunk_unpacks_to_no_more_than_it_says(tmp_path, kind):
         tracemalloc.stop()
 
 
-def test_a_database_that_never_ends_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(pose_files, "MAX_BAG_STEPS", 10**7)
-    (tmp_path / "bag").mkdir()
-    database = sqlite3.connect(tmp_path / "bag" / "x.db3")
-    database.execute("CREATE TABLE topics(id, name, type)")
-    database.execute("INSERT INTO topics VALUES(-1, '/a', 'geometry_msgs/msg/PoseStamped')")
-    endless = "WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM c) SELECT x FROM c"
-    select = f"SELECT x AS topic_id, 0 AS timestamp, '' AS data FROM ({endless})"
-    database.execute(f"CREATE VIEW messages AS {select}")
-    database.commit()
-    database.close()
+def test_chunks_hold_what_they_say_and_no_chunks(tmp_path):
+    records = records_of(tmp_path, [foxglove_pose()])
+    for content, problem in (
+        (chunk(chunk(records)), "has a chunk inside of a chunk"),
+        (chunk(chunk(records), 0), "has no messages"),
+        (chunk(records, 0), "has no messages"),
+    ):
+        (tmp_path / "x.mcap").write_bytes(MAGIC + content)
+        with pytest.raises(InvalidArgumentError, match=problem):
+            read_poses(tmp_path / "x.mcap")
+    (tmp_path / "x.mcap").write_bytes(MAGIC + chunk(records))
+    assert len(read_poses(tmp_path / "x.mcap").times) == 1
+
+
+def frames(names):
+    """Returns a message with a pose of each frame."""
+    pose = foxglove_pose()
+    one = {"timestamp": pose["timestamp"], "parent_frame_id": "world"}
+    one |= {"translation": pose["pose"]["position"], "rotation": pose["pose"]["orientation"]}
+    return {"transforms": [one | {"child_frame_id": name} for name in names]}
+
+
+@pytest.mark.parametrize(
+    ("message", "problem"),
+    [
+        (b'{"transforms": [%s{}]}' % (b"{}," * 350_000), "has a message of more than 1 MB"),
+        (frames(map(str, range(1001))), "has more than 1000 frames"),
+        (frames(["x" * 301]), "a name of more than 300 characters"),
+    ],
+)
+def test_large_messages_are_refused(tmp_path, message, problem):
+    file = write_mcap(tmp_path / "x.mcap", [message], "foxglove.FrameTransforms")
+    with pytest.raises(InvalidArgumentError, match=problem):
+        read_poses(file)
+
+
+def test_poses_of_all_frames_are_counted(tmp_path, monkeypatch):
+    file = write_mcap(tmp_path / "x.mcap", [frames("abc")] * 5, "foxglove.FrameTransforms")
+    monkeypatch.setattr(pose_files, "MAX_POSES", 14)
+    with pytest.raises(InvalidArgumentError, match="more than 200000 poses"):
+        read_poses(file)
+
+
+def test_reading_ends_in_time(tmp_path, monkeypatch):
+    file = write_mcap(tmp_path / "x.mcap", [foxglove_pose()])
+    monkeypatch.setattr(pose_files, "MAX_SECONDS", -1)
+    with pytest.raises(InvalidArgumentError, match="takes more than -1 s to read"):
+        read_poses(file)
     with pytest.raises(InvalidArgumentError, match="cannot be read: interrupted"):
-        read_poses(tmp_path / "bag")
+        read_poses(
+            database(tmp_path, [TOPICS, MESSAGES, *["INSERT INTO topics VALUES(1,1,1)"] * 99])
+        )
+
+
+TOPICS = "CREATE TABLE topics(id, name, type)"
+TOPIC = "INSERT INTO topics VALUES(1, '/a', 'geometry_msgs/msg/PoseStamped')"
+MESSAGES = "CREATE TABLE messages(topic_id, timestamp, data)"
+NO_TABLE = "messages is no table of plain columns"
+ZERO = "0 AS timestamp, '' AS data"
+LONG = "instr(zeroblob(50000000), zeroblob(25000000) || x'01')"  # One step of many seconds.
+ENDLESS = "WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM c) SELECT x FROM c"
+
+
+def database(folder, statements):
+    """Returns a rosbag2 whose database is made by some statements."""
+    bag = folder / "bag"
+    bag.mkdir()
+    made = sqlite3.connect(bag / "x.db3")
+    for statement in statements:
+        made.execute(statement)
+    made.commit()
+    made.close()
+    return bag
+
+
+@pytest.mark.parametrize(
+    ("messages", "problem"),
+    [
+        (f"CREATE VIEW messages AS SELECT x AS topic_id, {ZERO} FROM ({ENDLESS})", NO_TABLE),
+        (f"CREATE VIEW messages AS SELECT 1 AS topic_id, {LONG} AS data", NO_TABLE),
+        (f"CREATE TABLE messages(topic_id, timestamp, data AS ({LONG}))", NO_TABLE),
+        ("CREATE VIRTUAL TABLE messages USING rtree(topic_id, timestamp, data)", NO_TABLE),
+        (f"{MESSAGES}; INSERT INTO messages VALUES(1, 0, 1000000)", "message that is not of bytes"),
+        (f"{MESSAGES}; INSERT INTO messages VALUES(1, 0, 'text')", "message that is not of bytes"),
+        (f"{MESSAGES}; INSERT INTO messages VALUES(1, 'a', x'00')", "message that is not of bytes"),
+        (f"{MESSAGES}; INSERT INTO messages VALUES(1, 0, zeroblob(1000001))", "blob too big"),
+        (
+            f"{MESSAGES}; INSERT INTO topics SELECT id + 1, name, type FROM topics",
+            "more than 1 topic",
+        ),
+        (
+            f"{MESSAGES}; DROP TABLE topics; CREATE VIEW topics AS SELECT 1 AS id",
+            "topics is no table",
+        ),
+    ],
+)
+def test_databases_are_tables_of_bytes(tmp_path, messages, problem, monkeypatch):
+    monkeypatch.setattr(pose_files, "MAX_TOPICS", 1)
+    bag = database(tmp_path, [TOPICS, TOPIC, *messages.split("; ")])
+    with pytest.raises(InvalidArgumentError, match=problem):
+        read_poses(bag)
+
+
+def test_rows_that_share_pages_are_counted(tmp_path, monkeypatch):
+    """The pages of a large value are a list, whose start each row names."""
+    size, page, rows = 12 * 4092, 4096, 6
+    insert = f"INSERT INTO messages VALUES(1, 0, zeroblob({size}))"
+    bag = database(tmp_path, [TOPICS, TOPIC, MESSAGES, *[insert] * rows])
+    data = (bag / "x.db3").read_bytes()
+    root = data[2 * page : 3 * page]
+    cells = [int.from_bytes(root[k : k + 2]) for k in range(8, 8 + 2 * rows, 2)]
+    ends = [page, *cells[:-1]]
+    starts = [root[end - 4 : end] for end in ends]
+    for end in ends:
+        root = root[: end - 4] + starts[0] + root[end:]
+    data = (
+        data[:28]
+        + (int.from_bytes(starts[1]) - 1).to_bytes(4)
+        + data[32 : 2 * page]
+        + root
+        + data[3 * page :]
+    )
+    (bag / "x.db3").write_bytes(data[: page * (int.from_bytes(starts[1]) - 1)])
+    read = []
+    monkeypatch.setattr(pose_files, "_poses", lambda message: read.append(message) or [])
+    monkeypatch.setattr(pose_files, "MAX_BAG_BYTES", rows * size)
+    with pytest.raises(InvalidArgumentError, match="has no messages"):
+        read_poses(bag)
+    assert [message[-1] for message in read] == [bytes(size)] * rows
+    monkeypatch.setattr(pose_files, "MAX_BAG_BYTES", rows * size - 1)
+    with pytest.raises(InvalidArgumentError, match="unpacks to more than"):
+        read_poses(bag)
