@@ -31,4 +31,4 @@ def table_rows(page: str, head: str) -> list[list[str]]:
 
 
 def numbers(cell: str) -> list[float | None]:
-    return [None if word == "—" else float(word) for word in cell.split()]
+    return [None if word == "–" else float(word) for word in cell.split()]

@@ -104,13 +104,46 @@ WITH_LITERAL = TABLE_3 | {label: TABLE_3[case] for case, label in LITERAL.items(
 def test_the_page_holds_what_is_published_and_what_runs_give(head, name, table, rows):
     cells = {row[0].split(" `")[0]: row[1:] for row in table_rows("paper.md", head)}
     assert list(cells) == list(table)
-    for case, (static_published, static_ours, published, best_ours) in cells.items():
+    for case, columns in cells.items():
+        static_published, static_ours, random, published, best_ours, share = columns
         assert numbers(static_published) == list(table[case].static)
         assert numbers(published) == list(table[case].dynamic)
         # The page has medians of ten seeds, this is one of them.
         for cell, kind in ((static_ours, "static"), (best_ours, "best")):
             values = ours(rows, name, case, f"{kind}, ours")
             np.testing.assert_allclose(numbers(cell), values, atol=1e-3)
+        assert numbers(random) == [round(x, 4) for x in ours(rows, name, case, "random")]
+        for k, percent in enumerate(numbers(share)):
+            if percent is not None:
+                gains = [
+                    numbers(best)[k] - numbers(static)[k]
+                    for best, static in ((best_ours, static_ours), (published, static_published))
+                ]
+                assert percent == pytest.approx(100 * gains[0] / gains[1], rel=0.05, abs=1)
+            else:
+                assert ours(rows, name, case, "share of the gain [%]")[k] is None
+
+
+def test_a_share_compares_our_gain_with_the_published_one(rows):
+    shares = ours(rows, "table3", "j", "share of the gain [%]")
+    static, best = (ours(rows, "table3", "j", f"{kind}, ours") for kind in ("static", "best"))
+    printed = np.subtract(TABLE_3["j"].dynamic, TABLE_3["j"].static)
+    np.testing.assert_allclose(shares, 100 * np.subtract(best, static) / printed)
+    assert 25 < shares[2] < 40
+    assert rows["table2", "b", "q_vew"]["share of the gain [%]"] is None  # It falls in the paper.
+    assert rows["table2", "e", "q_vew"]["share of the gain [%]"] is None  # By one last digit.
+    assert (
+        rows["table2", "g", "q_vew"]["share of the gain [%]"] is None
+    )  # Its start is not printed.
+
+
+def test_random_contacts_are_about_as_good_as_the_static_ones(rows):
+    """As many contacts as remain, so three after the damage: Q_VEW is near 3³."""
+    for case, contacts in (("a", 5), ("f", 3)):
+        q_msv, q_gii, q_vew = ours(rows, "table2", case, "random")
+        assert 0.9 * contacts**0.5 < q_msv < contacts**0.5
+        assert 0.9 < q_gii < 1
+        assert contacts**3 < q_vew < 1.01 * contacts**3
 
 
 def test_best_values_of_the_start_are_called_transient(rows):
@@ -139,6 +172,14 @@ def test_verdicts(reproduction, tables):
     kinds = re.findall(r'<td [^>]*class="[^"]*(holds|fails)"[^>]*>(holds|does not hold)<', page)
     assert len(kinds) == 12
     assert set(kinds) == {("holds", "holds"), ("fails", "does not hold")}
+
+
+def test_the_page_has_the_verdict_of_each_claim(tables):
+    verdicts = {row["claim"]: row["verdict"] for row in tables["claims"]}
+    on_page = {row[0]: row[1] for row in table_rows("paper.md", "claim")}
+    assert on_page.keys() == verdicts.keys()
+    timed = "Position tracking is the fastest to compute"  # One machine may differ from another.
+    assert {*on_page.items()} - {*verdicts.items()} <= {(timed, on_page[timed])}
 
 
 def test_some_cases_alone_make_a_smaller_report_of_medians(tmp_path, monkeypatch):

@@ -11,6 +11,8 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.quality.grasp_quality import grasp_quality
+from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.run import run
 from drake_pregrasp.simulation.run_log import last_phase, static_phase, ticks_from
 from drake_pregrasp.simulation.scenario_file import load_resolved, load_scenario, read_mapping
@@ -20,6 +22,9 @@ from drake_pregrasp.systems.run_timeline import MEASURES
 
 TRAVEL_TIME = 1.5
 """Time in seconds within which contacts reach a fixed point or a limit cycle."""
+
+RANDOM_SETS = 1000
+"""Number of random contact sets of each case."""
 
 SPACINGS = (0.01, 0.005, 0.0025)
 """Compared spacings of candidates, in metres."""
@@ -179,3 +184,22 @@ def run_values(log: CaseLog) -> dict[str, float]:
         "mm_to_edge": float(1e3 * np.mean(to_edges)),
         "largest_drop": float(max(0.0, -np.min(np.diff(q_gii)))),
     }
+
+
+def random_quality(resolved: ResolvedScenario) -> dict[str, float]:
+    """Returns the medians of the measures over `RANDOM_SETS` contact sets drawn with seed 0.
+
+    Each set has as many contacts as the scenario has at its end, at different candidates of the
+    allowed surface, all equally probable.
+
+    Args:
+        resolved: Scenario of a case.
+    """
+    surface, generator = resolved.surface, np.random.default_rng(0)
+    count = len(resolved.remaining_contacts())
+    sets = [
+        generator.choice(surface.p_OQ, count, replace=False) - surface.p_OCoM
+        for _ in range(RANDOM_SETS)
+    ]
+    qualities = [grasp_quality(p_CoMC) for p_CoMC in sets]
+    return {name: float(np.median([getattr(q, name) for q in qualities])) for name in MEASURES}

@@ -121,6 +121,8 @@ def figure_4(logs: Mapping[str, CaseLog]) -> Figure:
         _style(axis, log)
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")
+    for axis in axes[:, 0]:
+        axis.set_ylabel("relative measure")
     for axis in axes.flat[len(logs) :]:
         axis.set_visible(False)
     _add_legend(figure)
@@ -166,7 +168,10 @@ def figure_6(logs: Mapping[str, CaseLog]) -> Figure:
     """
     figure = Figure(figsize=(9, 6), layout="constrained")
     axes = figure.subplots(2, 1, sharex=True)
-    columns = (("displacement", 1e3, "displacement [mm per tick]"), ("energy", 1, "energy [J/kg]"))
+    columns = (
+        ("displacement", 1e3, "displacement, sum [mm per tick]"),
+        ("energy", 1, "energy, sum [J/kg]"),
+    )
     for axis, (column, scale, label) in zip(axes, columns, strict=True):
         for name, log in logs.items():
             color, style = _STRATEGY_LINES[name]

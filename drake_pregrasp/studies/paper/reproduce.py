@@ -16,7 +16,14 @@ from drake_pregrasp.studies.paper import paper_cases
 from drake_pregrasp.studies.paper.claims import STRATEGY_CASES, discretisation_costs, judge_claims
 from drake_pregrasp.studies.paper.paper_cases import LITERAL, SCENARIOS, TABLE_2, TABLE_3, CaseLog
 from drake_pregrasp.studies.paper.paper_figures import figure_2c, figure_4, figure_5, figure_6
-from drake_pregrasp.studies.report_page import Heading, Part, Picture, Table, write_report
+from drake_pregrasp.studies.report_page import (
+    NO_VALUE,
+    Heading,
+    Part,
+    Picture,
+    Table,
+    write_report,
+)
 from drake_pregrasp.studies.runner import OnProgress
 from drake_pregrasp.studies.study_options import add_report_command, names
 from drake_pregrasp.systems.run_timeline import MEASURES
@@ -34,6 +41,15 @@ CAPTIONS: dict[str, str] = paper_cases.PAPER["captions"]
 """Captions of the figures, by the names of their files."""
 
 _TRANSIENT = 1e-4  # Least relative loss of a transient best value.
+_ROUNDING = 1.5e-4  # A smaller published gain can be due to the rounding of its two values.
+_SHORT = [
+    "static, paper",
+    "static, ours",
+    "random",
+    "best, paper",
+    "best, ours",
+    "share of the gain [%]",
+]
 
 
 def reproduce(
@@ -74,13 +90,17 @@ def reproduce(
     jobs += [paper_cases.spacing_job(spacing, duration) for spacing in paper_cases.SPACINGS]
     runs = paper_cases.run_cases(jobs, out / "runs", on_progress=on_progress)
     claims = judge_claims(runs, discretisation_costs(load_resolved("a_base")))
-    tables = {"table2": paper_table(TABLE_2, runs), "table3": paper_table(TABLE_3, runs)}
+    first = {job.case: CaseLog(out / "runs" / job.folder) for job in jobs if job.seed == seeds[0]}
+    random = {row: paper_cases.random_quality(first[row].resolved) for row in rows}
+    tables = {
+        "table2": paper_table(TABLE_2, runs, random),
+        "table3": paper_table(TABLE_3, runs, random),
+    }
     content = {
         name: json.loads(table.to_json(orient="records", double_precision=15))
         for name, table in {**tables, "claims": claims}.items()
     }
     write_text(out / "tables.json", json.dumps(content, indent=1) + "\n")
-    first = {job.case: CaseLog(out / "runs" / job.folder) for job in jobs if job.seed == seeds[0]}
     with writing(out):
         figures = _figures({case: first[case] for case in cases})
         for name, figure in figures.items():
@@ -94,30 +114,45 @@ def reproduce(
         Heading("Claims"),
         Table(claims.style.set_td_classes(verdicts)),
         Heading("Table II: position tracking"),
-        Table(_texts(tables["table2"])),
+        Table(short_table(tables["table2"])),
         Heading("Table III: the four strategies"),
-        Table(_texts(tables["table3"])),
+        Table(short_table(tables["table3"])),
+        Heading("Spread over the seeds, and when the best value is reached"),
+        *(
+            Table(_texts(table.drop(columns={*_SHORT} - {"best, ours"})))
+            for table in tables.values()
+        ),
         Heading("Figures"),
         *(Picture(out / f"{name}.png", CAPTIONS[name]) for name in figures),
     ]
     return write_report(out, "Dynamic pre-grasp planning: the paper, reproduced", parts)
 
 
-def paper_table(table: Mapping[str, paper_cases.Published], runs: pd.DataFrame) -> pd.DataFrame:
+def paper_table(
+    table: Mapping[str, paper_cases.Published],
+    runs: pd.DataFrame,
+    random: Mapping[str, Mapping[str, float]],
+) -> pd.DataFrame:
     """Returns Table II or III beside our values, with a row for each measure of each run case.
+
+    The share of the gain is our best value minus our static one, over the published difference. It
+    is NaN where the paper prints no gain beyond rounding.
 
     Args:
         table: Published table, `TABLE_2` or `TABLE_3`.
         runs: Rows of `run_cases`.
+        random: Values of `random_quality` of each run case.
     """
     found = []
-    rows = [(row, table[case]) for case in table for row in (case, LITERAL.get(case))]
+    rows = [(row, table[case]) for case in table for row in (case, LITERAL.get(case)) if row]
     for row, published in rows:
         own = runs[runs["case"] == row]
         for k, measure in enumerate(MEASURES if len(own) else ()):
             static, best, at, settled, later = (
                 own[f"{kind} {measure}"] for kind in ("static", "best", "at", "settled", "later")
             )
+            before, after = (printed[k] or np.nan for printed in published)
+            gain = best.median() - static.median()
             is_transient = best.median() - later.median() > _TRANSIENT * best.median()
             found.append(
                 {
@@ -125,17 +160,29 @@ def paper_table(table: Mapping[str, paper_cases.Published], runs: pd.DataFrame) 
                     "measure": measure,
                     "static, paper": published.static[k],
                     "static, ours": static.median(),
+                    "random": random[row][measure],
                     "best, paper": published.dynamic[k],
                     "best, ours": best.median(),
+                    "share of the gain [%]": (
+                        100 * gain / (after - before) if after - before > _ROUNDING else np.nan
+                    ),
                     "lowest": best.min(),
                     "highest": best.max(),
-                    "difference [%]": 100 * (best.median() / published.dynamic[k] - 1),
                     "at [s]": at.median(),
                     "transient": "yes" if is_transient else "",
                     "settled, ours": settled.median(),
                 }
             )
     return pd.DataFrame(found)
+
+
+def short_table(table: pd.DataFrame) -> pd.DataFrame:
+    """Returns a table of `paper_table` with a row for each case, and three measures in a cell."""
+    texts = table[["case"]].copy()
+    for name, digits in (*dict.fromkeys(_SHORT[:-1], 4).items(), (_SHORT[-1], 0)):
+        values = table[name].astype(float)
+        texts[name] = [NO_VALUE if np.isnan(x) else f"{x:.{digits}f}" for x in values]
+    return texts.groupby("case", sort=False).agg(" ".join).reset_index()
 
 
 def _texts(table: pd.DataFrame) -> pd.DataFrame:
