@@ -1,6 +1,5 @@
 """The paper's Figures 2c, 4, 5 and 6, made from runs."""
 
-import textwrap
 from collections.abc import Mapping
 
 import numpy as np
@@ -15,7 +14,8 @@ from drake_pregrasp.contacts.strategies import make_strategy
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.safe_regions import NO_REGION, compute_safe_regions
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
-from drake_pregrasp.studies.paper.paper_cases import CaseLog
+from drake_pregrasp.simulation.scenario_file import load_scenario
+from drake_pregrasp.studies.paper.paper_cases import SCENARIOS, CaseLog
 from drake_pregrasp.studies.pictures import ByteArray, render_goals
 
 # Okabe and Ito's colour-blind-safe set. Dashes keep overlapping lines visible.
@@ -116,8 +116,8 @@ def figure_4(logs: Mapping[str, CaseLog]) -> Figure:
             axis.plot(log.table["time"], values, color=color, linewidth=1, label=label)
         for event in log.scenario.damage:
             axis.axvline(event.at, color=_PURPLE, linestyle=":", label="fingers lost")
-        title = textwrap.shorten(f"{case}) {log.scenario.description}", 62, placeholder=" ...")
-        axis.set_title(title, fontsize=10, loc="left")
+        description = load_scenario(SCENARIOS[case]).description
+        axis.set_title(f"{case}) {description}", fontsize=10, loc="left")
         _style(axis, log)
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")
