@@ -1,4 +1,4 @@
-"""Names of code that the pages put in backticks exist."""
+"""The pages name code, commands and keys that exist."""
 
 import ast
 import dataclasses
@@ -13,6 +13,7 @@ import pytest
 import yaml
 from pages import DOCS, ROOT
 
+from drake_pregrasp import load_scenario, shipped_scenarios
 from drake_pregrasp.simulation.run_log import grasp_columns, log_columns
 
 PACKAGE = ROOT / "drake_pregrasp"
@@ -154,3 +155,21 @@ def test_the_commands_on_a_page_exist(page):
     text = page.read_text(encoding="utf-8")
     for command in re.findall(r"drake-pregrasp ((?:study )?[a-z][a-z-]*)", text):
         assert f"## `drake-pregrasp {command}`" in COMMANDS
+
+
+def scenario_texts():
+    """Returns the page, the scenario and the YAML of each command that changes a scenario."""
+    return [
+        (page.name, scenario, text)
+        for page in PAGES
+        for scenario, text in re.findall(
+            r"drake-pregrasp \w+ (\w+) --scenario_text '([^']*)'", page.read_text(encoding="utf-8")
+        )
+        if not re.search(r"planer|file: \w+\.yaml", text)  # Misspelt, or to be written first.
+    ]
+
+
+@pytest.mark.parametrize(("page", "scenario", "text"), scenario_texts())
+def test_the_keys_on_a_page_exist(page, scenario, text):
+    if scenario in shipped_scenarios():
+        load_scenario(scenario, text=text)
