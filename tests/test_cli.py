@@ -85,7 +85,8 @@ COMMAND = [sys.executable, "-m", "drake_pregrasp", "run", "a_base", "--no-record
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_run_keeps_its_log_and_says_so(tmp_path, number):
-    log = tmp_path / "a_base" / "log.csv"
+    folder = tmp_path / "a_base"
+    log = folder / "partial-1" / "log.csv"
     with subprocess.Popen(
         [*COMMAND, str(tmp_path), "--simulation_duration", "100000"], stdout=subprocess.PIPE
     ) as process:
@@ -96,10 +97,10 @@ def test_an_interrupted_run_keeps_its_log_and_says_so(tmp_path, number):
         process.send_signal(number)
         output, _ = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert f"the log up to that tick is in {log}" in output.decode()
-    rows = log.read_text().splitlines()
+    assert f"the log up to that tick is in {folder / 'log.csv'}" in output.decode()
+    rows = (folder / "log.csv").read_text().splitlines()
     assert len({row.count(",") for row in rows}) == 1
-    assert json.loads((log.parent / "summary.json").read_text())["completed"] is False
+    assert json.loads((folder / "summary.json").read_text())["completed"] is False
 
 
 @pytest.mark.slow

@@ -77,10 +77,10 @@ def print_result(result: RunResult, *, recorded: bool) -> None:
         recorded: Whether there is a recording.
     """
     summary = result.summary
-    print(f"kernels     {summary['kernels']}")
     factor, tick_ms = summary["real_time_factor"], summary["tick_time_p50_ms"]
     if result.replaced:
         print("replaced    the earlier run in this folder")
+    print(f"kernels     {summary['kernels']}")
     for line in _measures_in_words(summary):
         print(line)
     print(f"speed       {factor:.1f} x real time, planning tick {tick_ms:.2f} ms (median)")

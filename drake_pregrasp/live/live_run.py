@@ -18,7 +18,7 @@ from drake_pregrasp.contacts.strategies import STRATEGIES
 from drake_pregrasp.errors import PregraspError
 from drake_pregrasp.estimation.fault_settings import FOREVER
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
-from drake_pregrasp.simulation.output import make_folder, write_text
+from drake_pregrasp.simulation.output import make_folder, make_numbered_folder, write_text
 from drake_pregrasp.simulation.recording import camera_view, make_timeline, recording_html
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario, resolve_scenario
 from drake_pregrasp.simulation.scenario import Scenario
@@ -187,13 +187,15 @@ class LiveRun:
         self.timeline.tell("object is nudged")
 
     def save(self, out: Path) -> Path:
-        """Writes the recording and the scenario to `out/NAME-live`, and returns the recording.
+        """Writes the recording and the scenario to a new folder, and returns the recording.
+
+        The folder is `out/NAME-live-1`, or with the next free number.
 
         Raises:
             OutputError: If the folder cannot be written.
         """
-        folder = out / f"{self._name}-live"
-        make_folder(folder)
+        make_folder(out)
+        folder = make_numbered_folder(out / f"{self._name}-live")
         page = recording_html(self._meshcat, self.timeline)
         frames = 1 / self.scenario.recording.publish_period
         self._meshcat.SetAnimation(MeshcatAnimation(frames))  # Browsers show the present again.

@@ -3,8 +3,9 @@
 import contextlib
 import fcntl
 import os
+import secrets
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,7 @@ def writing(path: Path, what: str = "written") -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        where, why = error.filename or path, error.strerror or error
+        where, why = error.filename2 or error.filename or path, error.strerror or error
         raise OutputError(f"{where}: cannot be {what}: {why}") from error
     except UnicodeDecodeError as error:
         raise OutputError(f"{path}: cannot be {what}: is not UTF-8 text") from error
@@ -51,17 +52,13 @@ def reading_back(path: Path) -> contextlib.AbstractContextManager[None]:
 def replacing(path: Path) -> Iterator[Path]:
     """Yields the path of a temporary file that replaces `path` atomically at the end.
 
-    After an error, the temporary file is deleted, and `path` is unchanged. A device or a pipe is
-    written directly.
+    A link at `path` is replaced as well, and what it names stays. After an error, the temporary
+    file is deleted, and `path` is unchanged.
     """
-    target = path.resolve()
-    if target.exists() and not target.is_file():
-        yield path
-        return
-    partial = target.with_name(f".{os.getpid()}_{target.name}")
+    partial = path.with_name(f".{secrets.token_hex(8)}_{path.name}")
     try:
         yield partial
-        partial.replace(target)
+        partial.replace(path)
     except OSError as error:
         if error.filename is not None and Path(error.filename) == partial:
             error.filename = str(path)
@@ -69,6 +66,14 @@ def replacing(path: Path) -> Iterator[Path]:
     finally:
         with contextlib.suppress(OSError):
             partial.unlink()
+
+
+def own_file(path: str, flags: int) -> int:
+    """Opens a file of a folder that others may have prepared; an `opener` of Python's `open`.
+
+    A link is not followed, and a pipe is not waited for.
+    """
+    return os.open(path, flags | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
 
 
 @contextlib.contextmanager
@@ -80,7 +85,7 @@ def claimed(folder: Path) -> Iterator[None]:
     """
     path = folder / ".lock"
     with writing(path):
-        file = path.open("w")
+        file = open(path, "r+b", opener=own_file)  # noqa: SIM115
     with file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -105,6 +110,41 @@ def make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
 
 
+def make_numbered_folder(path: Path) -> Path:
+    """Makes a new folder, whose name is that of `path` with the first free number.
+
+    Raises:
+        OutputError: If the folder cannot be made.
+    """
+    number = 1
+    while os.path.lexists(folder := path.with_name(f"{path.name}-{number}")):
+        number += 1
+    with writing(folder):
+        folder.mkdir()
+    return folder
+
+
+def swap_in(partial: Path, folder: Path, names: Sequence[str]) -> None:
+    """Moves files of a folder into another one, and deletes the others of their names there.
+
+    Args:
+        partial: Folder of the files, which is deleted.
+        folder: Folder to move them to.
+        names: Names of the files that may be in either folder.
+
+    Raises:
+        OutputError: If a file cannot be replaced.
+    """
+    for name in names:
+        with writing(folder / name):
+            if (partial / name).exists():
+                (partial / name).replace(folder / name)
+            else:
+                (folder / name).unlink(missing_ok=True)
+    with writing(partial):
+        partial.rmdir()
+
+
 def write_text(path: Path, text: str) -> None:
     """Writes a text file atomically.
 
@@ -113,3 +153,16 @@ def write_text(path: Path, text: str) -> None:
     """
     with writing(path), replacing(path) as partial:
         partial.write_text(text, encoding="utf-8", newline="\n")
+
+
+def write_named_text(path: Path, text: str) -> None:
+    """Writes a text to what the user has named: a file, perhaps by a link, a device or a pipe.
+
+    Raises:
+        OutputError: If it cannot be written.
+    """
+    with writing(path):
+        if path.is_file() or not path.exists():
+            write_text(path.resolve(), text)
+        else:
+            path.write_text(text, encoding="utf-8", newline="\n")

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -16,9 +17,10 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
-from drake_pregrasp.errors import OutputError, ScenarioError
+from drake_pregrasp.errors import InvalidArgumentError, OutputError, ScenarioError
 from drake_pregrasp.interfaces import check_installed
 from drake_pregrasp.interfaces.mcap_log import McapLog
+from drake_pregrasp.resources import read_bounded_text
 from drake_pregrasp.simulation import output
 from drake_pregrasp.simulation.recording import (
     camera_view,
@@ -33,6 +35,7 @@ from drake_pregrasp.simulation.scenario_check import check_recording
 from drake_pregrasp.simulation.scenario_file import dump_scenario, resolve
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.simulation.summary import plot_metrics, summarize, summarize_grasp
+from drake_pregrasp.simulation.yaml_text import MAX_BYTES
 from drake_pregrasp.systems.drawing import contact_color
 from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
 
@@ -51,7 +54,8 @@ class RunResult:
     """Result of a run.
 
     Attributes:
-        folder: Run folder.
+        folder: Run folder; or the folder in it with the files of this run, if it was stopped early
+            and an earlier run is there.
         summary: Content of the folder's `summary.json`.
         replaced: Whether an earlier run in the folder was replaced.
     """
@@ -79,7 +83,8 @@ def run(
 ) -> RunResult:
     """Simulates a scenario and writes the run folder `out/name`.
 
-    An earlier run of the same scenario in that folder is replaced.
+    An earlier run of the same scenario in that folder is replaced at the end. A run that fails
+    leaves it, and its own files so far in the folder `partial-1` or with the next free number.
 
     Args:
         scenario: Scenario to simulate.
@@ -107,42 +112,62 @@ def run(
         check_installed(MCAP_FILE)
     folder, text = Path(out) / name, dump_scenario(name, resolved.scenario)
     output.make_folder(folder)
+    if folder.is_symlink():
+        raise OutputError(f"{folder}: is a link, which is not followed; choose another --out")
     with output.claimed(folder):
-        earlier = [folder / file for file in RUN_FILES if (folder / file).exists()]
+        earlier = [file for file in RUN_FILES if os.path.lexists(folder / file)]
         if earlier and not overwrite and not _holds(folder / "scenario.yaml", text):
             raise OutputError(
                 f"{folder}: holds a run of another scenario or with other settings; choose another"
                 " folder with --out, or replace it with --overwrite (in Python: out, overwrite)"
             )
-        meshcat = start_meshcat() if recording else None
-        logged = LoggedRun(resolved, folder, name=name, meshcat=meshcat, mcap=mcap, on_tick=on_tick)
-        with output.writing(folder):  # Last, when everything is known to be valid.
-            for file in earlier:
-                file.unlink()
-        output.write_text(folder / "scenario.yaml", text)
-        write_graphviz(logged.diagram, folder / "diagram.dot")
-        _draw_graphviz(folder / "diagram.dot")
-        logged.simulate(should_stop)
-        if meshcat is not None:
-            output.write_text(folder / "recording.html", recording_html(meshcat, logged.timeline))
-        summary = summarize(
-            name,
-            resolved,
-            logged.log,
-            kernels=logged.diagram.GetSubsystemByName("pregrasp_planner").kernels.name,
-            wall_seconds=logged.wall_seconds,
-            completed=logged.completed,
-        )
-        if logged.grasp_log is not None:
-            summary["grasp"] = summarize_grasp(resolved, logged.grasp_log)
-        output.write_text(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
-        plot_metrics(folder / "metrics.png", name, resolved.scenario, logged.log, summary)
-    return RunResult(folder=folder, summary=summary, replaced=bool(earlier))
+        # Nobody has prepared this folder, and what goes wrong in it leaves the earlier run alone.
+        partial = output.make_numbered_folder(folder / "partial")
+        try:
+            meshcat = start_meshcat() if recording else None
+            logged = LoggedRun(
+                resolved, partial, name=name, meshcat=meshcat, mcap=mcap, on_tick=on_tick
+            )
+            output.write_text(partial / "scenario.yaml", text)
+            write_graphviz(logged.diagram, partial / "diagram.dot")
+            _draw_graphviz(partial / "diagram.dot")
+            logged.simulate(should_stop)
+            summary = _write_results(partial, name, resolved, logged)
+            if meshcat is not None:
+                page = recording_html(meshcat, logged.timeline)
+                output.write_text(partial / "recording.html", page)
+            replaces = bool(earlier) and logged.completed
+            if logged.completed or not earlier:
+                output.swap_in(partial, folder, RUN_FILES)
+                partial = folder
+        finally:
+            with contextlib.suppress(OSError):
+                partial.rmdir()  # If nothing was written.
+    return RunResult(folder=partial, summary=summary, replaced=replaces)
+
+
+def _write_results(
+    folder: Path, name: str, resolved: ResolvedScenario, logged: "LoggedRun"
+) -> dict[str, Any]:
+    """Writes summary and metrics of a simulated run, and returns the summary."""
+    summary = summarize(
+        name,
+        resolved,
+        logged.log,
+        kernels=logged.diagram.GetSubsystemByName("pregrasp_planner").kernels.name,
+        wall_seconds=logged.wall_seconds,
+        completed=logged.completed,
+    )
+    if logged.grasp_log is not None:
+        summary["grasp"] = summarize_grasp(resolved, logged.grasp_log)
+    output.write_text(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+    plot_metrics(folder / "metrics.png", name, resolved.scenario, logged.log, summary)
+    return summary
 
 
 def _holds(file: Path, text: str) -> bool:
-    with contextlib.suppress(OSError, UnicodeDecodeError):
-        return file.read_text(encoding="utf-8") == text
+    with contextlib.suppress(InvalidArgumentError):
+        return not file.is_symlink() and read_bounded_text(file, MAX_BYTES) == text
     return False
 
 
@@ -257,13 +282,13 @@ def write_graphviz(diagram: Diagram, path: Path) -> None:
     Raises:
         OutputError: If the file cannot be written.
     """
-    output.write_text(path, diagram.GetGraphvizString(max_depth=2))
+    output.write_named_text(path, diagram.GetGraphvizString(max_depth=2))
 
 
 def _draw_graphviz(path: Path) -> None:
     """Draws a Graphviz file as SVG beside it, if Graphviz is installed."""
     failure = subprocess.CalledProcessError
     if dot := shutil.which("dot"):
-        with contextlib.suppress(failure), output.replacing(path.with_suffix(".svg")) as svg:
-            command = [dot, "-Tsvg", "-o", str(svg), str(path)]
-            subprocess.run(command, check=True, capture_output=True)
+        with contextlib.suppress(failure):
+            drawn = subprocess.run([dot, "-Tsvg", str(path)], check=True, capture_output=True)
+            output.write_text(path.with_suffix(".svg"), drawn.stdout.decode())

@@ -9,7 +9,7 @@ from drake_pregrasp.config.planner_config import EstimatorConfig, filter_noise
 from drake_pregrasp.estimation.pose_smoother import filter_poses, smooth
 from drake_pregrasp.estimation.recorded_poses import COLUMNS
 from drake_pregrasp.interfaces.pose_files import read_poses
-from drake_pregrasp.simulation.output import write_text
+from drake_pregrasp.simulation.output import write_named_text
 from drake_pregrasp.simulation.schema_check import load_checked
 from drake_pregrasp.simulation.yaml_text import parse_entries
 
@@ -57,5 +57,5 @@ def smooth_file(source: Path, target: Path, config: EstimatorConfig) -> int:
         quaternion = np.roll(Rotation.from_matrix(belief.R_WO).as_quat(), 1)
         row = [belief.time, *belief.p_WCoM, *quaternion, *belief.v_WCoM, *belief.w_WO]
         lines.append(",".join(repr(float(value)) for value in row))
-    write_text(target, "\n".join(lines) + "\n")
+    write_named_text(target, "\n".join(lines) + "\n")
     return len(beliefs)

@@ -374,5 +374,5 @@ def plot_metrics(path: Path, name: str, scenario: Scenario, log: RunLog, summary
     figure.align_ylabels(axes)
     title = f"{name}: {scenario.description}" if scenario.description else name
     figure.suptitle(printable(title), parse_math=False)
-    with writing(path.parent), replacing(path) as partial:
+    with writing(path), replacing(path) as partial:
         figure.savefig(partial, dpi=130)

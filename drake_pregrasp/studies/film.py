@@ -13,7 +13,7 @@ from drake_pregrasp.config.hand_description import Arm
 from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
-from drake_pregrasp.simulation.output import make_folder, writing
+from drake_pregrasp.simulation.output import make_folder, replacing, writing
 from drake_pregrasp.simulation.recording import CameraView, camera_view, make_timeline
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
@@ -166,8 +166,10 @@ def write_film(path: Path, frames: Sequence[Image.Image]) -> Path:
         OutputError: If the picture cannot be written.
     """
     first, *others = frames
-    with writing(path):
-        first.save(path, save_all=True, append_images=others, duration=_SHOWN, loop=0, quality=60)
+    with writing(path), replacing(path) as partial:
+        first.save(
+            partial, save_all=True, append_images=others, duration=_SHOWN, loop=0, quality=60
+        )
     return path
 
 

@@ -12,7 +12,14 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from drake_pregrasp.errors import OutputError
-from drake_pregrasp.simulation.output import claimed, make_folder, reading_back, write_text, writing
+from drake_pregrasp.simulation.output import (
+    claimed,
+    make_folder,
+    own_file,
+    reading_back,
+    write_text,
+    writing,
+)
 from drake_pregrasp.studies.package_digest import package_digest
 from drake_pregrasp.studies.workers import Failure, call_for_all
 
@@ -128,7 +135,7 @@ class _Journal(dict[str, dict[str, Any]]):
 
     def read(self) -> None:
         """Reads the complete lines of the file; a kill may have truncated the last line."""
-        if self._path is None or not self._path.exists():
+        if self._path is None or not self._path.is_file():
             return
         with reading_back(self._path):
             text = self._path.read_text(encoding="utf-8")
@@ -147,7 +154,10 @@ class _Journal(dict[str, dict[str, Any]]):
         line = _line(record)
         self[_key(job)] = json.loads(line)
         if self._path is not None:
-            with writing(self._path), self._path.open("a", encoding="utf-8") as file:
+            with (
+                writing(self._path),
+                open(self._path, "a", encoding="utf-8", opener=own_file) as file,
+            ):
                 file.write(line)
                 file.flush()
                 os.fsync(file.fileno())

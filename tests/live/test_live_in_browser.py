@@ -34,7 +34,7 @@ class Page:
         def serve() -> None:  # Meshcat must be used by the thread that has made it.
             meshcat = start_meshcat(live=True)
             self.run = LiveRun(load_resolved(name, text=text), name=name, meshcat=meshcat)
-            self.controls = LiveControls(self.run, meshcat, out=folder)
+            self.controls = LiveControls(self.run, meshcat, out=folder / "saved")
             with served_page(meshcat, self.controls.timeline) as address:
                 opened.put(address)
                 self.controls.serve()
@@ -188,16 +188,16 @@ def test_buttons_do_what_they_say(page, tmp_path):
     page.click("pause / resume")
     page.told("paused")
     time = run.time
-    (tmp_path / "a_base-live").touch()
+    (tmp_path / "saved").touch()
     page.click("save the recording")
     page.told("cannot be written")
-    (tmp_path / "a_base-live").unlink()
+    (tmp_path / "saved").unlink()
     page.click("save the recording")
-    recording = tmp_path / "a_base-live" / "recording.html"
     page.told("saved in")
+    recording = tmp_path / "saved" / "a_base-live-1" / "recording.html"
     assert run.time == time
     assert "finger 2 has a goal again" in recording.read_text(encoding="utf-8")
-    again = load_scenario(file=tmp_path / "a_base-live" / "scenario.yaml")
+    again = load_scenario(file=recording.with_name("scenario.yaml"))
     assert again.planner.strategy == "msv"
     assert again.simulation_duration == time
     page.click("pause / resume")

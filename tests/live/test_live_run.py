@@ -94,6 +94,16 @@ def test_a_slider_keeps_within_the_declared_range_whatever_a_page_sends(name):
         assert value == pytest.approx(high), "a value that is not finite was not ignored"
 
 
+@pytest.mark.slow
+def test_each_recording_is_saved_in_a_folder_of_its_own(tmp_path):
+    run = LiveRun(load_resolved("a_base"), name="a_base", meshcat=start_meshcat(live=True))
+    (tmp_path / "a_base-live-2").symlink_to(tmp_path / "elsewhere")
+    run.advance()
+    saved = [run.save(tmp_path).parent.name for _ in range(2)]
+    assert saved == ["a_base-live-1", "a_base-live-3"]
+    assert not (tmp_path / "elsewhere").exists()
+
+
 def test_a_run_goes_on_after_a_refused_change():
     scenario = load_scenario("fault_low_rate")
     run = LiveRun(resolve(scenario), name="low", meshcat=start_meshcat(live=True))

@@ -1,16 +1,19 @@
 """A run folder is whole, belongs to one run, and is not replaced silently."""
 
+import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from drake_pregrasp import OutputError, load_scenario, run
 from drake_pregrasp.cli import main
-from drake_pregrasp.simulation.output import claimed, write_text
+from drake_pregrasp.simulation.output import claimed, write_named_text, write_text
 from drake_pregrasp.simulation.run import RUN_FILES
 from drake_pregrasp.simulation.run_log import CsvLog
 
@@ -66,6 +69,102 @@ def test_files_of_someone_else_are_not_replaced(tmp_path, name):
     assert contents(tmp_path / "a") == {name: b"precious"}
 
 
+@pytest.fixture
+def victim(tmp_path):
+    """A file and a folder outside of the run folder `runs/a`, whose run is another one."""
+    folder = tmp_path / "home"
+    folder.mkdir()
+    (folder / "file").write_text("precious")
+    (tmp_path / "runs" / "a").mkdir(parents=True)
+    yield folder
+    assert contents(folder) == {"file": b"precious"}
+
+
+@pytest.mark.parametrize(
+    ("name", "target"),
+    [(".lock", "file"), (".lock", "none"), (".lock", "."), ("scenario.yaml", "file")],
+)
+def test_links_in_a_run_folder_lead_nowhere(tmp_path, victim, name, target):
+    (tmp_path / "runs" / "a" / name).symlink_to(victim / target)
+    with pytest.raises(OutputError, match="runs/a"):
+        short_run(tmp_path / "runs")
+
+
+@pytest.mark.slow
+def test_a_run_replaces_links_and_pipes_by_files(tmp_path, victim):
+    folder = tmp_path / "runs" / "a"
+    for name in ("scenario.yaml", "log.csv", "partial-1"):
+        (folder / name).symlink_to(victim / name)
+    (folder / "summary.json").symlink_to(victim / "file")
+    os.mkfifo(folder / "metrics.png")
+    short_run(tmp_path / "runs", overwrite=True)
+    found = {path.name for path in folder.iterdir() if path.is_file() and not path.is_symlink()}
+    assert {"scenario.yaml", "log.csv", "summary.json", "metrics.png"} <= found <= set(RUN_FILES)
+
+
+def test_a_run_folder_is_no_link(tmp_path, victim):
+    (tmp_path / "runs" / "a").rmdir()
+    (tmp_path / "runs" / "a").symlink_to(victim)
+    with pytest.raises(OutputError, match="runs/a: is a link"):
+        short_run(tmp_path / "runs")
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir])
+def test_a_lock_is_a_file_and_not_waited_for(tmp_path, make):
+    (tmp_path / "a").mkdir()
+    make(tmp_path / "a" / ".lock")
+    with pytest.raises(OutputError, match=r"\.lock: cannot be written"):
+        short_run(tmp_path)
+
+
+def test_the_lock_leaves_what_is_in_it(tmp_path):
+    """It may be another name of a file outside."""
+    (tmp_path / "a").mkdir()
+    (tmp_path / "file").write_text("precious")
+    os.link(tmp_path / "file", tmp_path / "a" / ".lock")
+    with claimed(tmp_path / "a"):
+        pass
+    assert (tmp_path / "file").read_text() == "precious"
+
+
+@pytest.mark.slow
+def test_a_run_that_fails_or_is_stopped_leaves_the_earlier_one(tmp_path):
+    folder = short_run(tmp_path).folder
+    before = contents(folder)
+
+    def fail(record):
+        if record.time > 0.09:
+            raise ArithmeticError
+
+    for options in ({"on_tick": fail}, {"mcap": True, "on_tick": fail}):
+        with pytest.raises(ArithmeticError):
+            short_run(tmp_path, **options)
+    stopped = short_run(tmp_path, should_stop=lambda: True)
+    assert stopped.folder == folder / "partial-3"
+    assert not stopped.replaced
+    for number in (1, 2, 3):
+        assert (folder / f"partial-{number}" / "log.csv").read_text().startswith("time,")
+        shutil.rmtree(folder / f"partial-{number}")
+    assert contents(folder) == before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kilobytes", [1, 5, 20])
+def test_a_full_disk_leaves_the_earlier_run_and_names_the_file(tmp_path, kilobytes):
+    text = "{simulation_duration: 2.0}"
+    folder = short_run(tmp_path, text).folder
+    before = contents(folder)
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000 * kilobytes, limit[1]))
+    try:
+        with pytest.raises(OutputError, match=r"/[a-z]+\.[a-z]+: cannot be written"):
+            short_run(tmp_path, text)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+    shutil.rmtree(folder / "partial-1", ignore_errors=True)
+    assert contents(folder) == before
+
+
 @pytest.mark.slow
 def test_two_runs_into_one_folder_exclude_each_other(tmp_path):
     folder = short_run(tmp_path).folder
@@ -106,6 +205,19 @@ def test_a_full_disk_leaves_the_old_file_or_none(tmp_path):
         with pytest.raises(OutputError, match=rf"{name}: cannot be written: File too large"):
             write_text(tmp_path / name, "x" * 20_000)
     assert contents(tmp_path) == {"old.txt": b"old"}
+
+
+def test_a_device_that_the_user_names_is_written_and_a_link_followed(tmp_path):
+    read, write = os.pipe()
+    write_named_text(Path(f"/dev/fd/{write}"), "shown")
+    assert os.read(read, 9) == b"shown"
+    os.close(read)
+    os.close(write)
+    (tmp_path / "link").symlink_to(tmp_path / "file")
+    write_named_text(tmp_path / "link", "text")
+    assert (tmp_path / "file").read_text() == "text"
+    write_text(tmp_path / "link", "other")
+    assert contents(tmp_path) == {"file": b"text", "link": b"other"}
 
 
 @pytest.mark.usefixtures("small_disk")
