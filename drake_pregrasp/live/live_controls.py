@@ -129,11 +129,16 @@ class LiveControls:
         run: The live run.
         meshcat: Its viewer.
         out: Folder for saved recordings.
+
+    Attributes:
+        is_paused: Whether the run is paused.
+        is_stopped: Whether somebody has stopped it.
+        refused: Number of messages of pages that were malformed, too many, or of strangers.
     """
 
     def __init__(self, run: LiveRun, meshcat: Meshcat, *, out: Path) -> None:
         self._run, self._meshcat, self._out = run, meshcat, out
-        self.is_paused, self.is_stopped = False, False
+        self.is_paused, self.is_stopped, self.refused = False, False, 0
         scenario = run.scenario
         self._sliders = {slider.name: slider for slider in make_sliders(scenario)}
         self._buttons: dict[str, Callable[[], object]] = {
@@ -166,22 +171,30 @@ class LiveControls:
                 self._run.advance()
 
     def apply(self) -> None:
-        """Applies what was moved and pressed since the last time."""
+        """Applies one of the controls that were pressed or moved since the last time.
+
+        So a flood of messages cannot hold up the run, and `stop` is the first.
+        """
+        for name, action in reversed(self._buttons.items()):
+            if (clicks := self._meshcat.GetButtonClicks(name)) > self._clicks[name]:
+                self.refused += clicks - self._clicks[name] - 1
+                self._clicks[name] = clicks
+                action()
+                return
         for name, slider in self._sliders.items():
-            value = self._meshcat.GetSliderValue(name)
-            if value != self._values[name]:
+            if (value := self._meshcat.GetSliderValue(name)) != self._values[name]:
                 self._values[name] = value
                 slider.apply(self._run, value)
-        for name, action in self._buttons.items():
-            before, self._clicks[name] = self._clicks[name], self._meshcat.GetButtonClicks(name)
-            for _ in range(self._clicks[name] - before):
-                action()
+                return
 
     def timeline(self) -> dict[str, Any]:
         """Returns what the page shows now."""
         run = self._run
         pace = "paused" if self.is_paused else f"{run.rate:.2f} × real time"
-        return run.timeline.now() | {"note": f"{pace}, strategy {run.scenario.planner.strategy}"}
+        note = f"{pace}, strategy {run.scenario.planner.strategy}"
+        if self.refused:
+            note += f", {self.refused} messages refused"
+        return run.timeline.now() | {"note": note}
 
     def _add(self) -> None:
         scenario, add = self._run.scenario, self._meshcat.AddSlider

@@ -2,13 +2,19 @@
 
 import contextlib
 import json
+import re
+import secrets
+import socket
+import struct
 import threading
+import time
+import urllib.parse
 import urllib.request
 from collections.abc import Callable, Iterator
 from http.client import HTTPException
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from io import BufferedIOBase
 from pathlib import Path
-from typing import Any
 
 from pydrake.geometry import Meshcat
 
@@ -22,42 +28,78 @@ from drake_pregrasp.systems.run_timeline import OVERLAY
 # Meshcat's server is on this machine: a proxy of the environment does not reach it.
 _open = urllib.request.build_opener(urllib.request.ProxyHandler({})).open
 
-# Meshcat's page connects to the server that it comes from, which must be Meshcat's own.
-_SOCKET = """<head><script>
-window.WebSocket = class extends WebSocket {{ constructor() {{ super("{}"); }} }};
+# What Meshcat's page sends is checked here, so it must be in a form that Python reads.
+_SEND = """<head><script>
+window.WebSocket = class extends WebSocket {
+  send(data) {
+    const {type, name, value} = MeshCat.msgpack.decode(data);
+    if (["button", "slider"].includes(type)) super.send(JSON.stringify({type, name, value}));
+  }
+};
 </script>"""
 _START = (
     "<script>followRun(); viewer.gui.__folders.Scene.close(); viewer.gui.open();</script></body>"
 )
 
 
+_HOSTS = ("127.0.0.1", "localhost")  # Another name may be a stranger's.
+_SILENCE = 150.0  # Seconds without an answer to Meshcat after which a page is given up.
+_PAUSE = 0.002  # Seconds between two messages of a page.
+
+_TEXT, _BINARY, _CLOSE, _PING, _PONG = (
+    0x81,
+    0x82,
+    0x88,
+    0x89,
+    0x8A,
+)  # Kinds of whole websocket messages.
+_LONGEST = 500  # Largest size of a message of a page, in bytes.
+
+
 @contextlib.contextmanager
-def served_page(meshcat: Meshcat, timeline: Callable[[], dict[str, Any]]) -> Iterator[str]:
+def served_page(meshcat: Meshcat, controls: LiveControls) -> Iterator[str]:
     """Serves the page to this machine until the end of the block, and yields its address.
+
+    Nobody can guess the address, pages of other origins are refused, and Meshcat gets only what
+    `_checked` returns.
 
     Args:
         meshcat: Viewer of the run.
-        timeline: Function that returns the timeline as the page reads it.
+        controls: Controls of the run, which count what is refused.
 
     Raises:
         OutputError: If no port can be opened.
     """
-    viewer = meshcat.web_url()
+    viewer, prefix = meshcat.web_url(), f"/{secrets.token_urlsafe()}/"
+    there = urllib.parse.urlsplit(viewer)
     with _open(viewer) as answer:
-        page = answer.read().decode().replace("<head>", _SOCKET.format(meshcat.ws_url()), 1)
+        page = answer.read().decode().replace("<head>", _SEND, 1)
     page = page.replace("</body>", OVERLAY.read_text(encoding="utf-8") + _START)
 
     class Handler(BaseHTTPRequestHandler):
+        timeout = _SILENCE
+
         def do_GET(self) -> None:
             # The page may be closed while it is sent, and others may ask for what is no address.
             with contextlib.suppress(OSError, ValueError, HTTPException):
-                if self.path == "/":
+                is_socket, part = "Upgrade" in self.headers, self.path.removeprefix(prefix)
+                if not (self.path.startswith(prefix) and self.comes_from_here()):
+                    controls.refused += is_socket
+                    self.send_error(403)
+                elif is_socket:
+                    self.relay()
+                elif not part:
                     self.answer("text/html", page.encode())
-                elif self.path == "/timeline":
-                    self.answer("application/json", json.dumps(timeline()).encode())
-                elif self.path.startswith("/"):
-                    with _open(viewer + self.path) as part:
-                        self.answer(part.headers.get_content_type(), part.read())
+                elif part == "timeline":
+                    self.answer("application/json", json.dumps(controls.timeline()).encode())
+                else:
+                    with _open(f"{viewer}/{part}") as file:
+                        self.answer(file.headers.get_content_type(), file.read())
+
+        def comes_from_here(self) -> bool:
+            host = self.headers.get("Host", "")
+            origin = self.headers.get("Origin", f"http://{host}")
+            return host.partition(":")[0] in _HOSTS and origin == f"http://{host}"
 
         def answer(self, kind: str, content: bytes) -> None:
             self.send_response(200)
@@ -65,19 +107,96 @@ def served_page(meshcat: Meshcat, timeline: Callable[[], dict[str, Any]]) -> Ite
             self.end_headers()
             self.wfile.write(content)
 
+        def relay(self) -> None:
+            """Connects the page with Meshcat until one of them ends."""
+            key = self.headers.get("Sec-WebSocket-Key", "")
+            if not re.fullmatch("[A-Za-z0-9+/]{22}==", key):
+                raise ValueError
+            with socket.create_connection((there.hostname, there.port), _SILENCE) as drake:
+                drake.sendall(_HANDSHAKE.format(there.netloc, key).encode())
+                copy = threading.Thread(target=self.copy_from, args=[drake], daemon=True)
+                copy.start()
+                for kind, content in _messages(self.rfile):
+                    if (checked := _checked(kind, content)) is None:
+                        controls.refused += 1
+                    else:
+                        drake.sendall(checked)
+                    time.sleep(_PAUSE)
+                drake.shutdown(socket.SHUT_RDWR)
+                copy.join()
+
+        def copy_from(self, drake: socket.socket) -> None:
+            with contextlib.suppress(OSError):
+                while part := drake.recv(1 << 16):
+                    self.connection.sendall(part)
+                self.connection.shutdown(socket.SHUT_RDWR)
+
         def log_message(self, *_: object) -> None:
             """Prints nothing."""
 
     try:
-        server = ThreadingHTTPServer(("localhost", 0), Handler)
+        server = ThreadingHTTPServer((_HOSTS[0], 0), Handler)
     except OSError as error:
         raise OutputError(f"the live page cannot be served: {error.strerror}") from error
     threading.Thread(target=server.serve_forever, daemon=True).start()
     try:
-        yield f"http://localhost:{server.server_port}"
+        yield f"http://{_HOSTS[0]}:{server.server_port}{prefix}"
     finally:
         server.shutdown()
         server.server_close()
+
+
+_HANDSHAKE = (
+    "GET / HTTP/1.1\r\nHost: {}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: {}\r\n\r\n"
+)
+
+
+def _messages(file: BufferedIOBase) -> Iterator[tuple[int, bytes]]:
+    """Yields kind and content of a page's websocket messages, which are short, masked and whole.
+
+    The first that is not so, as in section 5.2 of RFC 6455, has the kind 0 and is the last.
+    """
+    while len(head := file.read(2)) == 2 and (kind := head[0]) != _CLOSE:
+        size = head[1] - 0x80
+        if size == 126:  # The size follows.
+            size = int.from_bytes(file.read(2))
+        longest = _LONGEST if kind == _TEXT else 125
+        if kind not in (_TEXT, _PING, _PONG) or not 0 <= size <= longest or head[1] == 0xFF:
+            yield 0, b""
+            return
+        mask, content = file.read(4), file.read(size)
+        if len(mask + content) == 4 + size:
+            yield kind, bytes(byte ^ mask[k % 4] for k, byte in enumerate(content))
+
+
+def _checked(kind: int, content: bytes) -> bytes | None:
+    """Returns the message for Meshcat that says the same as a page's, or None if it is refused."""
+    if kind == 0:
+        return None
+    if kind == _TEXT:
+        try:
+            message = json.loads(content)
+        except (ValueError, RecursionError):
+            return None
+        match message:
+            case {"type": "button", "name": str(name)}:
+                value = 0.0
+            case {"type": "slider", "name": str(name), "value": int() | float() as value}:
+                pass
+            case _:
+                return None
+        text = name.encode(errors="replace")
+        if not abs(value) < 1e300 or len(text) > 0xFF:  # Of a number, not infinite or NaN.
+            return None
+        # MessagePack: a map of three entries, whose values are two strings and a number.
+        kind = _BINARY
+        content = b"\x83\xa4type\xa6" + message["type"].encode()
+        content += b"\xa4name\xd9" + bytes([len(text)]) + text
+        content += b"\xa5value\xcb" + struct.pack(">d", value)
+    size = len(content)
+    length = bytes([0x80 + size]) if size < 126 else b"\xfe" + size.to_bytes(2)
+    return bytes([kind]) + length + bytes(4) + content  # The mask of zeros changes nothing.
 
 
 def serve_live_run(
@@ -103,6 +222,6 @@ def serve_live_run(
     meshcat = start_meshcat(live=True)
     run = LiveRun(resolved, name=name, meshcat=meshcat)
     controls = LiveControls(run, meshcat, out=Path(out))
-    with served_page(meshcat, controls.timeline) as address:
+    with served_page(meshcat, controls) as address:
         announce(address)
         controls.serve(should_stop)

@@ -35,7 +35,7 @@ class Page:
             meshcat = start_meshcat(live=True)
             self.run = LiveRun(load_resolved(name, text=text), name=name, meshcat=meshcat)
             self.controls = LiveControls(self.run, meshcat, out=folder / "saved")
-            with served_page(meshcat, self.controls.timeline) as address:
+            with served_page(meshcat, self.controls) as address:
                 opened.put(address)
                 self.controls.serve()
 
