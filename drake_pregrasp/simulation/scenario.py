@@ -113,6 +113,8 @@ class Scenario:
 
     # How a simulated hand follows, closes, squeezes and lifts.
     grasp: GraspConfig = field(default_factory=GraspConfig)
+
+    # Settings of the Meshcat recording.
     recording: RecordingConfig = field(default_factory=RecordingConfig)
 
     @property
