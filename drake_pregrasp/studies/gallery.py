@@ -1,8 +1,7 @@
 """Pages with pictures of the shipped scenarios that are not from the paper, and films of hands."""
 
 import functools
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -10,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from PIL import Image
 
-from drake_pregrasp.contacts.selection_input import ContactStatus, describe_status
 from drake_pregrasp.grasping.grasp_state import GraspPhase
 from drake_pregrasp.simulation.output import make_folder, writing
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
@@ -50,20 +48,20 @@ def make_gallery(out: str | Path, *, on_progress: OnProgress = lambda done, tota
     shipped = shipped_scenarios()
     jobs = [{"name": name} for name, (file, _) in shipped.items() if file.stem in _TITLES]
     draw = functools.partial(_draw, folder=folder / "gallery")
-    rows = run_jobs(draw, jobs, on_progress=on_progress).rows.set_index("name")
+    run_jobs(draw, jobs, on_progress=on_progress)
     parts: list[Part] = [
-        "`drake-pregrasp study gallery` makes the pictures and the numbers. Each row shows a"
-        " scenario at its start, half-way and at its end, from a camera that is fixed in the world."
-        " A region has the colour of its contact; grey surface is in no region."
-        " Brown obstacles are bodies, translucent ones are no-touch volumes."
-        " `drake-pregrasp run NAME` leaves a recording."
+        "    .venv/bin/drake-pregrasp study gallery",
+        "This command makes the pictures. Each row shows a scenario at its start, half-way and at"
+        " its end, from a camera that is fixed in the world. A region has the colour of its"
+        " contact; grey surface is in no region. Brown obstacles are bodies, translucent ones are"
+        " no-touch volumes. `drake-pregrasp run NAME` makes a recording.",
     ]
     for stem, title in _TITLES.items():
         parts.append(Heading(title))
         for name, (file, description) in shipped.items():
             if file.stem == stem:
-                picture = f"![{description}](gallery/{name}.png)"
-                parts += [Heading(f"`{name}`: {description}", 3), picture, rows.text[name]]
+                picture = f"![{name}](gallery/{name}.png)"
+                parts += [Heading(f"`{name}`: {description}", 3), picture]
     return write_report(folder, "Gallery", parts, name="gallery", formats=("md",))
 
 
@@ -71,19 +69,13 @@ def _draw(job: Mapping[str, str], folder: Path) -> dict[str, Any]:
     name, records = job["name"], list[TickRecord]()
     resolved = load_resolved(name)
     with TemporaryDirectory() as runs:
-        result = run(resolved, name=name, out=runs, recording=False, on_tick=records.append)
-    summary = result.summary
+        run(resolved, name=name, out=runs, recording=False, on_tick=records.append)
     shown = [records[round(share * (len(records) - 1))] for share in MOMENTS]
     frames = [_frame(resolved, record) for record in shown]
     with writing(folder):
         picture = Image.fromarray(np.concatenate(frames, axis=1))
         picture.save(folder / f"{name}.png", optimize=True)
-    static = summary["static"]["q_msv"]  # None if contacts adapt from the start, or never.
-    text = "Q_MSV " if static is None else f"Q_MSV {static:.4f} static, "
-    text += f"{summary['final']['q_msv']:.4f} at the end;"
-    text += f" force-closure margin {summary['force_closure_margin']['final']:.2f} at the end."
-    limits = "; ".join(describe_limits(records, resolved.obstacle_names))
-    return {"text": f"{text} Limited: {limits}." if limits else text}
+    return {}
 
 
 def _frame(resolved: ResolvedScenario, record: TickRecord) -> ByteArray:
@@ -106,24 +98,6 @@ def _frame(resolved: ResolvedScenario, record: TickRecord) -> ByteArray:
         volumes=volumes,
         pixels=(340, 340),
     )
-
-
-def describe_limits(records: Sequence[TickRecord], obstacle_names: Mapping[int, str]) -> list[str]:
-    """Describes the limits of contacts in order of first occurrence, with their shares of ticks.
-
-    Args:
-        records: Records of all ticks of a run.
-        obstacle_names: Names of the named obstacles, by obstacle index.
-    """
-    counts = Counter(
-        f"contact {contact} {describe_status(status, cause, obstacle_names)}"
-        for record in records
-        for contact, (status, cause) in enumerate(
-            zip(record.contact_status, record.contact_causes, strict=True)
-        )
-        if status != ContactStatus.ACTIVE
-    )
-    return [f"{text} ({count / len(records):.0%} of the ticks)" for text, count in counts.items()]
 
 
 PHASES = (GraspPhase.TRACK, GraspPhase.SQUEEZE, GraspPhase.HOLD)

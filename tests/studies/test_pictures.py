@@ -1,7 +1,6 @@
 """Pictures by Drake's VTK renderer, and the pages that show them."""
 
 from itertools import pairwise
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,10 +8,10 @@ from PIL import Image
 from pydrake.geometry import Rgba, SceneGraph, Sphere
 from pydrake.math import RigidTransform
 
-from drake_pregrasp import ContactStatus, load_resolved
+from drake_pregrasp import load_resolved
 from drake_pregrasp.studies import gallery, pictures, shape_study
 from drake_pregrasp.studies.film import film_scenario
-from drake_pregrasp.studies.gallery import FRAME_TIME, describe_limits, film_grasp, make_gallery
+from drake_pregrasp.studies.gallery import FRAME_TIME, film_grasp, make_gallery
 from drake_pregrasp.studies.pictures import WHITE, Light
 from drake_pregrasp.studies.shape_study import study_shapes
 
@@ -108,34 +107,13 @@ def test_a_film_of_any_scenario_is_slow_at_its_event(tmp_path):
     assert np.mean(last[:, :250].min(axis=2) < 100) > 0.01  # The timeline, in dark letters.
 
 
-def ticks(*statuses):
-    """Ticks at which contact 0 has a status because of obstacle 2, and contact 1 is active."""
-    return [
-        SimpleNamespace(
-            contact_status=np.array([status, ContactStatus.ACTIVE], dtype=float),
-            contact_causes=np.array([2.0, -1.0]),
-        )
-        for status in statuses
-    ]
-
-
-def test_limits_are_shares_of_all_ticks_in_the_order_of_their_first():
-    active, obstructed = ContactStatus.ACTIVE, ContactStatus.OBSTRUCTED
-    records = ticks(active, ContactStatus.OUT_OF_REACH, obstructed, active)
-    named, numbered = (describe_limits(records, {k: "the table"}) for k in (2, 1))
-    assert named[0].startswith("contact 0 out of reach ")
-    assert named[1] == "contact 0 obstructed by the table (25% of the ticks)"
-    assert named[1] == numbered[1].replace("obstacle 2", "the table")
-
-
 @pytest.mark.slow
-def test_the_gallery_shows_a_picture_and_numbers_of_each_scenario(tmp_path, monkeypatch):
+def test_the_gallery_shows_a_picture_of_each_scenario(tmp_path, monkeypatch):
     shown = {name: own for name, own in gallery.shipped_scenarios().items() if name == "box"}
     monkeypatch.setattr(gallery, "shipped_scenarios", lambda: shown)
     text = make_gallery(tmp_path).read_text()
     assert (tmp_path / "gallery" / "box.png").stat().st_size > 10_000
-    assert f"### `box`: {shown['box'][1]}\n\n![{shown['box'][1]}](gallery/box.png)" in text
-    assert "Q_MSV 2.2151 static" in text
+    assert f"### `box`: {shown['box'][1]}\n\n![box](gallery/box.png)" in text
 
 
 @pytest.mark.slow
