@@ -33,7 +33,6 @@ ELSEWHERE = {
     "foxglove.PoseInFrame",
     "foxglove.SceneUpdate",
     "hardware_sim",
-    "latency.py",
     "lcm_buses",
     "lcmt_allegro_status",
     "lcmt_robot_state",

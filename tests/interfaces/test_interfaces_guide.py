@@ -15,7 +15,8 @@ from drake_pregrasp.interfaces.pose_files import _KINDS, MAX_BAG_BYTES
 from drake_pregrasp.simulation.schema_check import check_mapping
 
 PAGE = "interfaces.md"
-NODE, LATENCY = blocks(PAGE, "python")
+(NODE,) = blocks(PAGE, "python")
+LATENCY = (DOCS / "interfaces" / "latency.py").read_text(encoding="utf-8")
 
 
 class Message(SimpleNamespace):
