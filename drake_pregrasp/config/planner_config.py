@@ -43,7 +43,7 @@ class EstimatorConfig:
     angular_acceleration: float = field(default=0.01, metadata=_RATE)
 
     # The same two densities for a sudden change of motion, which is assumed if two measurements in
-    # a row tell of the same one, and the later one would otherwise be an outlier.
+    # a row are evidence of the same one, and the later one would otherwise be an outlier.
     sudden_acceleration: float = field(default=0.3, metadata=_RATE)
     sudden_angular_acceleration: float = field(default=1.0, metadata=_RATE)
 

@@ -30,7 +30,7 @@ _DIGITS = 9  # To which shares of the cost count; of equal changes, the first on
 
 @dataclass
 class ReassignmentRule:
-    """When fingers exchange their contacts, or take those of an equivalent grasp.
+    """Conditions under which fingers exchange contacts, or take those of an equivalent grasp.
 
     Each finger has a place in the hand frame H, `FingerReach.place`. The cost of a grasp is the sum
     of the squared distances of contacts from the places of their fingers.

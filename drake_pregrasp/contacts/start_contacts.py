@@ -224,7 +224,7 @@ class _Search:
         return limits
 
     def discomforts_at(self, yaw: float) -> FloatArray:
-        """Returns what each fingertip's way from home to each candidate costs, shape (n, K).
+        """Returns the cost of each fingertip's path from home to each candidate, shape (n, K).
 
         Home is at the height of the centre of mass, and the unit of length is the hand's radius at
         home. Contacts on edges, on thin parts, at the edge of reach and under parts cost more.

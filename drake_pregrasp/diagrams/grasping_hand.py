@@ -275,7 +275,7 @@ def choose_approach(
     Raises:
         NoGraspError: If contacts are to be chosen, but there is no grasp.
         InvalidArgumentError: If the hand and its model, or given contacts and the fingers, do not
-            match, or the hand stands for none of the approaches.
+            match, or the hand has the orientation of none of the approaches.
     """
     config, solid = config or GraspConfig(), object_solid or MeshSolid.of(surface.mesh)
     R_WO, hands = X_WO.rotation().matrix(), []
@@ -287,7 +287,9 @@ def choose_approach(
         if stands(model):
             hands.append(model)
     if not hands:
-        words = f"grasp.approaches: the carrier in the plant stands for none of {config.approaches}"
+        words = (
+            f"grasp.approaches: the carrier in the plant is turned for none of {config.approaches}"
+        )
         raise InvalidArgumentError(f"{words}; pass R_WA to add_hand_model")
     place = {"solid": solid, "mass": mass, "X_WO": X_WO, "fixed": fixed, "p_OC": p_OC}
     return best_approach(

@@ -10,17 +10,17 @@ import numpy as np
 from drake_pregrasp.arrays import BoolArray, FloatArray, pack, unpacker
 
 BASE = -1
-"""Index of the palm with its carrier or arm, which belong to no finger."""
+"""Value in place of a finger's index for the palm with its carrier or arm."""
 
 NOT_BLOCKED = -2
-"""Index of the finger that stops a hand which can move."""
+"""Value in place of a finger's index while nothing blocks the hand."""
 
 
 RELEASE_SHARE = 0.2
 """Share of the touch force below which a finger no longer touches: its force varies."""
 
 NO_LIMIT = 1e6
-"""Force that stands for no limit, in newtons."""
+"""Force that replaces an infinite limit, in newtons."""
 
 _GENTLE = 1.5  # Times the touch force: by which a finger may press more than it should.
 

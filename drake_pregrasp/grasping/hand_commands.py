@@ -1,4 +1,4 @@
-"""What the systems of a hand's controller tell each other in a control tick."""
+"""Values that the systems of a hand's controller exchange in a control tick."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from drake_pregrasp.arrays import BoolArray, FloatArray
 
 @dataclass(frozen=True, eq=False)
 class GraspCommand:
-    """What the phase of a grasp asks of fingertips, palm and joints; all numbers are valid.
+    """Command of a grasp's phase to fingertips, palm and joints; all numbers are valid.
 
     Attributes:
         R_WO: Orientation of the object, as last estimated, shape (3, 3).

@@ -159,7 +159,7 @@ class LiveControls:
         self._add()
 
     def serve(self, should_stop: Callable[[], bool] = lambda: False) -> None:
-        """Runs until somebody stops it, in the page or with `should_stop`."""
+        """Runs until the user stops it in the page, or `should_stop` returns true."""
         while not (self.is_stopped or should_stop()):
             self.apply()
             if not self.is_paused and self._run.time >= self._run.end:

@@ -207,7 +207,7 @@ def serve_live_run(
     announce: Callable[[str], object] = print,
     should_stop: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Runs a scenario in real time in a page with controls, until somebody stops it.
+    """Runs a scenario in real time in a page with controls, until the user stops it.
 
     Args:
         resolved: Scenario to simulate.

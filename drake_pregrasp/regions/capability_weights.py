@@ -1,4 +1,4 @@
-"""Weights h_i of safe regions from what the fingers are capable of."""
+"""Weights h_i of safe regions from the capability of the fingers."""
 
 import numpy as np
 

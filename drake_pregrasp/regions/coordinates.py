@@ -43,4 +43,4 @@ QUANTITIES: Mapping[str, Callable[[ObjectSurface], FloatArray]] = {
 """Quantities of candidates that follow from the surface alone; z of O points up."""
 
 GIVEN = "port"
-"""In place of a quantity: the candidates' values come from an input port."""
+"""Name of a quantity whose values for the candidates come from an input port."""

@@ -10,7 +10,7 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.solids import EVERYWHERE, Solid, moved_rows, rounded_box_distances
 
 ANY_ANGLE = -2.0
-"""In place of the least cosine of an angle, it limits nothing."""
+"""Least cosine of an angle that limits nothing."""
 
 UNLIMITED = np.concatenate([EVERYWHERE, np.zeros(12), [ANY_ANGLE] * 2])
 """Row of the reach of a finger that reaches everything; see `reached`."""

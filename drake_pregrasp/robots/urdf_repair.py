@@ -15,7 +15,7 @@ _SLACK = 1e-12  # Rounding error of moments of inertia, in kg m².
 
 
 def drop_from(robot: Element, link: str) -> None:
-    """Removes a link and all that hangs on it, with their joints."""
+    """Removes a link and all links below it, with their joints."""
     for joint in robot.findall("joint"):
         if _end(joint, "child") == link:
             robot.remove(joint)
@@ -50,7 +50,7 @@ def _text(numbers: Iterable[float]) -> str:
 
 
 def drop_ignored(robot: Element) -> None:
-    """Removes what Drake cannot use, and would warn of."""
+    """Removes elements of joints that Drake ignores with a warning."""
     for joint in robot.findall("joint"):
         for element in [element for element in joint if element.tag in _IGNORED]:
             joint.remove(element)

@@ -104,7 +104,9 @@ def test_a_carrier_that_stands_so_comes_from_the_side_with_chosen_and_with_given
         plant.SetPositions(context, robot, added.controller.initial)
         palm = plant.GetFrameByName("palm", robot).CalcPoseInWorld(context).translation()
         assert (palm - pose.translation()) @ axis > 0.15
-    with pytest.raises(dp.InvalidArgumentError, match="the carrier in the plant stands for none"):
+    with pytest.raises(
+        dp.InvalidArgumentError, match="the carrier in the plant is turned for none"
+    ):
         add(given, **own)
 
 
