@@ -156,6 +156,17 @@ def test_the_commands_on_a_page_exist(page):
         assert f"## `drake-pregrasp {command}`" in COMMANDS
 
 
+def test_the_functions_of_a_tick_exist():
+    text = (DOCS / "architecture.md").read_text(encoding="utf-8")
+    (tick,) = re.findall(r"^## One tick\n.*?^```\n(.*?)^```", text, flags=re.M | re.S)
+    for line in tick.splitlines():
+        names = re.match(r" *(\w+(?:\.\w+)?(?:, \w+)*)(?:  |$)", line)
+        file = re.search(r"\w+/\w+\.py", line)
+        known = (PACKAGE / file[0]).read_text(encoding="utf-8") if file else words()
+        for name in re.findall(r"\w+", names[1]) if names else []:
+            assert name in known, line
+
+
 def scenario_texts():
     """Returns the page, the scenario and the YAML of each command that changes a scenario."""
     return [
