@@ -358,7 +358,7 @@ def plot_metrics(path: Path, name: str, scenario: Scenario, log: RunLog, summary
         axis.set_ylabel(f"$Q_{{{measure[2:].upper()}}}$")
         axis.ticklabel_format(axis="y", useOffset=False)
     axes[3].plot(time, 1e3 * displacement, color="#56B4E9", linewidth=1.0)
-    axes[3].set(ylabel="displacement\n[mm per tick]", xlabel="time [s]")
+    axes[3].set(ylabel="displacement,\nsum [mm per tick]", xlabel="time [s]")
     for axis in axes:
         if scenario.planner.static_duration > 0:
             axis.axvspan(0, scenario.planner.static_duration, color="0.92", label="static phase")
