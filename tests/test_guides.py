@@ -124,9 +124,8 @@ def test_the_guide_to_a_hand_of_your_own_grasps_with_it(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     shutil.copy(DOCS / "own_hand" / "gripper.urdf", tmp_path)
     text = (DOCS / "own_hand.md").read_text(encoding="utf-8")
-    options = re.findall(r"--scenario_text '(.*)'", text)[0]
-    name = re.search(r"hand: \{file: (\w+\.yaml)\}", options)[1]
-    (tmp_path / name).write_text(block("own_hand.md", "yaml"))
+    (options,) = re.findall(r"--scenario_text '(.*file: gripper.yaml.*)'", text)
+    (tmp_path / "gripper.yaml").write_text(block("own_hand.md", "yaml"))
     scenario = load_scenario("grasp_five_finger", text=options)
     grasp = run(scenario, name="mine", out=tmp_path, recording=False).summary["grasp"]
     assert (grasp["phase"], grasp["gave_up"]) == ("hold", None)
