@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
+from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
@@ -52,31 +53,59 @@ class DistanceGrid:
         Args:
             p_MP: Positions of the points in M, shape (k, 3), in metres.
         """
-        is_known = np.isfinite(np.sum(p_MP, axis=1))
-        p_MP = np.where(is_known[:, None], p_MP, self.low)
-        place = np.maximum((p_MP - self.low) / self.cell, 0.0)
-        place = np.minimum(place, self.counts - 1.0)
-        first = np.minimum(place.astype(np.int64), self.counts - 2)
-        share = place - first
+        first, share, is_beyond = self._cells(p_MP)
         x, y, z = np.stack([1 - share, share], axis=2).swapaxes(0, 1)
         weights = (x[:, :, None, None] * y[:, None, :, None] * z[:, None, None, :]).reshape(-1, 8)
-        strides = np.array([self.counts[1] * self.counts[2], self.counts[2], 1])
-        nodes = self.nodes[(first @ strides)[:, None] + _CORNERS @ strides]
-        found = (weights[:, None] @ nodes)[:, 0]
+        found = (weights[:, None] @ self._corners(first)[1])[:, 0]
         distances, gradients = found[:, 0], found[:, 1:]
         lengths = np.sqrt(np.einsum("ki,ki->k", gradients, gradients))
         gradients /= np.maximum(lengths, 1e-9)[:, None]
-        is_beyond = (np.abs(self.low + self.cell * place - p_MP) > _TIE).any(axis=1)
         if is_beyond.any():
-            corners = first[is_beyond, None] + _CORNERS
-            at, beyond = self.low + self.cell * corners, nodes[is_beyond]
-            away = p_MP[is_beyond, None] - (at - beyond[..., :1] * beyond[..., 1:])
-            lengths = np.linalg.norm(away, axis=2)
-            nearest = np.arange(len(away)), np.argmin(lengths, axis=1)
-            distances[is_beyond] = lengths[nearest]
-            gradients[is_beyond] = away[nearest] / lengths[nearest][:, None]
-        found[~is_known] = np.nan  # `distances` and `gradients` are views of it.
+            distances[is_beyond], gradients[is_beyond] = self._beyond(
+                p_MP[is_beyond], first[is_beyond]
+            )
         return distances, gradients
+
+    def distances(self, p_MP: FloatArray) -> FloatArray:
+        """Returns the signed distances of `at` alone, in less time for many points.
+
+        Args:
+            p_MP: Positions of the points in M, shape (k, 3), in metres.
+        """
+        first, share, is_beyond = self._cells(p_MP)
+        field = self.nodes[:, 0].reshape(self.counts)
+        distances: FloatArray = map_coordinates(field, (first + share).T, order=1)
+        if is_beyond.any():
+            distances[is_beyond], _ = self._beyond(p_MP[is_beyond], first[is_beyond])
+        return distances
+
+    def _cells(self, p_MP: FloatArray) -> tuple[IntArray, FloatArray, BoolArray]:
+        """Returns the first nodes of the nearest cells, places in them, and who is not in them.
+
+        The places are shares of the cells, shape (k, 3).
+        """
+        place = (p_MP - self.low) / self.cell
+        within = np.minimum(np.maximum(place, 0.0), self.counts - 1.0)
+        is_beyond = ~(np.abs(within - place).max(axis=1, initial=0.0) <= _TIE / self.cell)
+        np.nan_to_num(within, copy=False)
+        first = np.minimum(within.astype(np.int64), self.counts - 2)
+        return first, within - first, is_beyond
+
+    def _corners(self, first: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Returns positions, shape (k, 8, 3), and values, shape (k, 8, 4), of the cells' nodes."""
+        strides = np.array([self.counts[1] * self.counts[2], self.counts[2], 1])
+        p_MN = self.low + self.cell * (first[:, None] + _CORNERS)
+        return p_MN, self.nodes[(first @ strides)[:, None] + _CORNERS @ strides]
+
+    def _beyond(self, p_MP: FloatArray, first: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Returns distances and gradients from the surface points nearest to the cells' nodes."""
+        p_MN, nodes = self._corners(first)
+        away = p_MP[:, None] - (p_MN - nodes[..., :1] * nodes[..., 1:])
+        away[~np.isfinite(p_MP).all(axis=1)] = np.nan
+        lengths = np.linalg.norm(away, axis=2)
+        nearest = np.arange(len(away)), np.argmin(lengths, axis=1)
+        distances = lengths[nearest]
+        return distances, away[nearest] / distances[:, None]
 
 
 def distance_grid(mesh: trimesh.Trimesh, cell: float = CELL) -> DistanceGrid:
@@ -96,26 +125,28 @@ def distance_grid(mesh: trimesh.Trimesh, cell: float = CELL) -> DistanceGrid:
     # Long thin faces have many more parts than their size needs: one for each of them and place.
     places = np.column_stack([parts.faces, np.round(parts.centroids / (_EDGE / 4))])
     parts = parts.chosen(np.unique(places, axis=0, return_index=True)[1])
-    face = parts.faces[cKDTree(parts.centroids).query(p)[1]]
+    face = parts.faces[cKDTree(parts.centroids).query(p, workers=-1)[1]]
     away = np.empty((len(p), 3))
     for chunk in np.array_split(np.arange(len(p)), 1 + len(p) // _CHUNK):
         away[chunk] = p[chunk] - closest_points(corners[face[chunk]], p[chunk])
     # The face with the nearest centroid is not always the nearest one. What a node has found, its
     # neighbours try next.
     is_new = np.ones(len(p), dtype=bool)
+    strides = (counts[1] * counts[2], counts[2], 1)
     for _ in range(int(np.sum(counts))):  # A face comes as far as through the whole grid.
         before = face.copy()
-        for axis, step in itertools.product(range(3), (-1, 1)):
-            place = np.arange(counts[axis])
-            beside = np.clip(place + step, 0, counts[axis] - 1)
-            tried, was_new = (
-                np.take(v.reshape(counts), beside, axis=axis).ravel() for v in (face, is_new)
-            )
-            nodes = np.flatnonzero(was_new & (tried != face))
-            found = p[nodes] - closest_points(corners[tried[nodes]], p[nodes])
-            is_better = _is_nearer(found, normals[tried[nodes]], away[nodes], normals[face[nodes]])
+        new = np.flatnonzero(is_new)
+        place = np.array(np.unravel_index(new, counts))
+        for axis, step in itertools.product(range(3), (1, -1)):
+            has_neighbour = (place[axis] + step >= 0) & (place[axis] + step < counts[axis])
+            source = new[has_neighbour]
+            nodes, tried = source + step * strides[axis], face[source]
+            differs = tried != face[nodes]
+            nodes, tried = nodes[differs], tried[differs]
+            found = p[nodes] - closest_points(corners[tried], p[nodes])
+            is_better = _is_nearer(found, normals[tried], away[nodes], normals[face[nodes]])
             nodes = nodes[is_better]
-            face[nodes], away[nodes] = tried[nodes], found[is_better]
+            face[nodes], away[nodes] = tried[is_better], found[is_better]
         is_new = face != before
         if not is_new.any():
             break

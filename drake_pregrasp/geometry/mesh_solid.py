@@ -46,6 +46,10 @@ class MeshSolid(SignedDistance):
         distances, gradients = self.surface.at((p_FP - self.p_FM) @ self.R_FM)
         return distances, gradients @ self.R_FM.T
 
+    def distance(self, p_FP: FloatArray) -> FloatArray:
+        """See `SignedDistance`."""
+        return self.surface.distances((p_FP - self.p_FM) @ self.R_FM)
+
     def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "MeshSolid":
         """See `SignedDistance`."""
         return replace(self, R_FM=R_GF @ self.R_FM, p_FM=R_GF @ self.p_FM + p_GF)

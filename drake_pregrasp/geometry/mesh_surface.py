@@ -105,11 +105,14 @@ class TipSize:
             nhat_OC: Outward unit normals at the contacts, shape (k, 3).
             solid: The object in O.
         """
-        fits = np.ones(len(p_OC), dtype=bool)
+        left = np.arange(len(p_OC))
         for gap in np.linspace(0.0, self.standoff, _PLACES):
-            gaps = solid.distance(p_OC + (self.radius + gap) * nhat_OC) - self.radius
-            fits &= gaps >= min(gap, self.clearance) - INTRUSION
-        return fits & (mean_slopes(p_OC, nhat_OC, solid, self.radius / 2) <= _SLOPE)
+            gaps = solid.distance(p_OC[left] + (self.radius + gap) * nhat_OC[left]) - self.radius
+            left = left[gaps >= min(gap, self.clearance) - INTRUSION]
+        slopes = mean_slopes(p_OC[left], nhat_OC[left], solid, self.radius / 2)
+        fits = np.zeros(len(p_OC), dtype=bool)
+        fits[left[slopes <= _SLOPE]] = True
+        return fits
 
 
 def mean_slopes(

@@ -7,7 +7,6 @@ from itertools import product
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
-from scipy.stats.qmc import Halton
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.quality.grasp_quality import posture_measures
@@ -82,6 +81,9 @@ class FingerChain:
 
     def samples(self) -> FloatArray:
         """Returns evenly spread positions of the joints, shape (m, k)."""
+        # Imported only here, because scipy.stats takes a quarter of a second.
+        from scipy.stats.qmc import Halton
+
         share = Halton(len(self.home), seed=0).random(_SAMPLES)
         q: FloatArray = self.lower + share * (self.upper - self.lower)
         return q
