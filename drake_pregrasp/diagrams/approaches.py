@@ -11,7 +11,7 @@ from drake_pregrasp.config.grasp_config import ABOVE, SIDE, GraspConfig
 from drake_pregrasp.contacts.start_contacts import StartContacts
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.systems.hand_scene import LINK_CLEARANCE
+from drake_pregrasp.grasping.clearances import LINK_CLEARANCE
 from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 
 _YAWS = np.linspace(-np.pi, np.pi, 73)

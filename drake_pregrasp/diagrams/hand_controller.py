@@ -10,6 +10,7 @@ from drake_pregrasp.contacts.assignment import palm_turn, turned_within
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.wiring import connect, export_inputs, export_outputs
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.fast.kernels import Kernels
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.systems.differential_kinematics import DifferentialKinematics
 from drake_pregrasp.systems.fingertip_sensor import FingertipSensor
@@ -76,6 +77,7 @@ class HandController(Diagram):
         p_OC: Initial contacts in O, in the order of the fingers, shape (n, 3), in metres.
         target_period: Seconds between ticks of the planner.
         plant_time_step: Time step of the hand's plant, in seconds.
+        kernels: Implementation of the kinematics; that of `default_kernels` by default.
 
     Raises:
         InvalidArgumentError: If an argument or a field of `config` is out of its range, an initial
@@ -98,6 +100,7 @@ class HandController(Diagram):
         p_OC: FloatArray,
         target_period: float,
         plant_time_step: float,
+        kernels: Kernels | None = None,
     ) -> None:
         super().__init__()
         tip_frames = hand.kinematics.tip_frames
@@ -121,7 +124,7 @@ class HandController(Diagram):
         yaw_range = hand.yaw_range(config.yaw_range)
         yaw = turned_within(palm_turn(p_AC, hand.azimuths, 0.0), yaw_range)
         self.initial = hand.home(X_WG @ p_OCoM, yaw)
-        builder = DiagramBuilder()
+        builder, scene = DiagramBuilder(), hand.make_scene(object_solid, fixed, kernels)
         sequencer = builder.AddNamedSystem(
             "grasp_sequencer",
             GraspSequencer(
@@ -156,7 +159,7 @@ class HandController(Diagram):
         kinematics = builder.AddNamedSystem(
             "differential_kinematics",
             DifferentialKinematics(
-                hand.make_scene(object_solid, fixed),
+                scene,
                 base=hand.base,
                 home=hand.fingers_home,
                 initial=self.initial,
@@ -166,7 +169,7 @@ class HandController(Diagram):
                 plant_time_step=plant_time_step,
             ),
         )
-        sensor = builder.AddNamedSystem("fingertip_sensor", FingertipSensor(hand.kinematics))
+        sensor = builder.AddNamedSystem("fingertip_sensor", FingertipSensor(scene.hand))
         connect(builder, sequencer, "command", shaper, kinematics)
         connect(builder, shaper, "goals", kinematics)
         connect(builder, shaper, "contacts", sequencer)

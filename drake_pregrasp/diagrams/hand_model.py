@@ -6,7 +6,6 @@ from functools import cached_property
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.planning import RobotDiagram, RobotDiagramBuilder
-from pydrake.systems.framework import Context
 from scipy.spatial import cKDTree
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
@@ -15,6 +14,8 @@ from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model
 from drake_pregrasp.diagrams.palm_base import PalmCarrier, check_home, make_base
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.fast import default_kernels
+from drake_pregrasp.fast.kernels import REFERENCE, Kernels
 from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
@@ -81,21 +82,24 @@ class HandModel:
         builder.plant().Finalize()
         return builder.Build()
 
-    def _kinematics(self, diagram: RobotDiagram) -> HandKinematics:
+    def _kinematics(self, diagram: RobotDiagram, kernels: Kernels = REFERENCE) -> HandKinematics:
         frames = [f"{HAND}::{tip.frame}" for tip in self.description.fingertips]
-        return HandKinematics(diagram.plant(), frames)
+        return HandKinematics(diagram.plant(), frames, kernels.forward_kinematics())
 
-    def make_scene(self, object_solid: SignedDistance, fixed: Sequence[Solid]) -> HandScene:
+    def make_scene(
+        self, object_solid: SignedDistance, fixed: Sequence[Solid], kernels: Kernels | None = None
+    ) -> HandScene:
         """Returns a scene of the hand with an object.
 
         Args:
             object_solid: The object in O.
             fixed: Solids in W that do not move, such as the table.
+            kernels: Implementation of its kinematics; that of `default_kernels` by default.
         """
         diagram = self._parse()
         return HandScene(
             diagram,
-            self._kinematics(diagram),
+            self._kinematics(diagram, kernels or default_kernels()),
             tip_radii=self.tip_radii,
             object_solid=object_solid,
             fixed=fixed,
@@ -194,7 +198,7 @@ class HandModel:
         """Kinematics of each finger in A, on the palm at home at yaw 0."""
         hand, q, X_AW = self.kinematics, self.base.placed(self.fingers_home), self.base.X_AW
         R_AW, p_AW = X_AW.rotation().matrix(), X_AW.translation()
-        w, v = np.split(R_AW @ hand.screws(self._posed(q)).reshape(2, 3, -1), 2)
+        w, v = np.split(R_AW @ hand.pose(q).screws.reshape(2, 3, -1), 2)
         screws = np.concatenate([w[0], v[0] + np.cross(p_AW, w[0], axisb=0, axisc=0)]).T
         own = [hand.own_joints(finger) for finger in range(len(self.azimuths))]
         return [
@@ -233,26 +237,20 @@ class HandModel:
     def _finger_balls(self) -> tuple[FloatArray, FloatArray]:
         """Balls inside the links of fingers at home: centres in A at yaw 0, and radii."""
         plant, inspector = self.kinematics.plant, self._diagram.scene_graph().model_inspector()
-        context = self._posed(self.base.placed(self.fingers_home))
+        X_WB = self.kinematics.pose(self.base.placed(self.fingers_home)).X_WB
         links = hand_links(plant, self.kinematics.frames, self.tip_radii, inspector)
         X_AW, found = self.base.X_AW, []
         for geometry, link in links.items():
             if link.finger != BASE:
                 centers, radii = np.split(link_balls(inspector, geometry), [3], axis=1)
-                p_AB = X_AW @ link.frame.CalcPoseInWorld(context) @ centers.T
+                p_AB = X_AW @ RigidTransform(X_WB[int(link.frame.body().index())]) @ centers.T
                 found.append(np.column_stack([p_AB.T, radii]))
         balls = np.concatenate(found)
         return balls[:, :3], balls[:, 3]
 
     def tips_at(self, q: FloatArray) -> FloatArray:
         """Returns the fingertips' centres in W at positions q, shape (n, 3), in metres."""
-        return self.kinematics.tip_positions(self._posed(q))
-
-    def _posed(self, q: FloatArray) -> Context:
-        """Returns a context of the plant at positions q."""
-        context = self.kinematics.plant.CreateDefaultContext()
-        self.kinematics.plant.SetPositions(context, q)
-        return context
+        return self.kinematics.pose(q).p_WT
 
     @property
     def largest_offsets(self) -> FloatArray:

@@ -21,11 +21,11 @@ from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.grasping.clearances import LINK_CLEARANCE
 from drake_pregrasp.grasping.grasp_state import GraspSettings
 from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
 from drake_pregrasp.regions.finger_measures import FingerMeasures
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
-from drake_pregrasp.systems.hand_scene import LINK_CLEARANCE
 from drake_pregrasp.systems.palm_frames import reach_frame
 
 

@@ -1,5 +1,7 @@
 """The compiled implementation, as one object, which is compiled or loaded when it is imported."""
 
+from collections.abc import Callable
+
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.fast.goals import CompiledGoals
@@ -8,6 +10,7 @@ from drake_pregrasp.fast.labels import CompactCandidates
 from drake_pregrasp.fast.pose_steps import CompiledFilterStep
 from drake_pregrasp.fast.predicates import compiled_limits_at
 from drake_pregrasp.fast.projection import CompiledSurface
+from drake_pregrasp.grasping.forward_kinematics import HandPose, KinematicTree
 from drake_pregrasp.quality.force_closure import LargestMinimum, largest_minimum
 from drake_pregrasp.regions.independent_regions import SlipRadii
 from drake_pregrasp.regions.safe_regions import LabelCandidates
@@ -29,6 +32,13 @@ def _largest_minimum() -> LargestMinimum:
     return solve
 
 
+def _forward_kinematics() -> Callable[[KinematicTree, FloatArray], HandPose]:
+    # Imported only here, because only hands need what it compiles.
+    from drake_pregrasp.fast.forward_kinematics import compiled_forward_kinematics
+
+    return compiled_forward_kinematics
+
+
 COMPILED = Kernels(
     name="numba",
     labels=_labels,
@@ -38,5 +48,6 @@ COMPILED = Kernels(
     slip_radii=_slip_radii,
     largest_minimum=_largest_minimum,
     filter_step=CompiledFilterStep,
+    forward_kinematics=_forward_kinematics,
 )
 """The implementation in numba."""

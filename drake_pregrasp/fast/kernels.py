@@ -8,6 +8,7 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.selection_input import GoalFunction
 from drake_pregrasp.estimation.pose_track import FilterStep
 from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.grasping.forward_kinematics import HandPose, KinematicTree, forward_kinematics
 from drake_pregrasp.quality.force_closure import LargestMinimum, largest_minimum
 from drake_pregrasp.regions.constraints import LimitFunction, Predicates
 from drake_pregrasp.regions.independent_regions import SlipRadii, slip_radii_within
@@ -30,6 +31,7 @@ class Kernels:
         slip_radii: Function that returns `slip_radii_within` of hard fingers.
         largest_minimum: Function that returns `largest_minimum`.
         filter_step: Function that returns the steps of the pose filter.
+        forward_kinematics: Function that returns `forward_kinematics`.
     """
 
     name: str
@@ -40,6 +42,7 @@ class Kernels:
     slip_radii: Callable[[], SlipRadii]
     largest_minimum: Callable[[], LargestMinimum]
     filter_step: Callable[[], FilterStep]
+    forward_kinematics: Callable[[], Callable[[KinematicTree, FloatArray], HandPose]]
 
 
 REFERENCE = Kernels(
@@ -51,5 +54,6 @@ REFERENCE = Kernels(
     slip_radii=lambda: slip_radii_within,
     largest_minimum=lambda: largest_minimum,
     filter_step=FilterStep,
+    forward_kinematics=lambda: forward_kinematics,
 )
 """The implementation in numpy."""

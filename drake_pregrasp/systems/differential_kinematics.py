@@ -9,14 +9,16 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from drake_pregrasp.arrays import FloatArray, are_valid
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.grasping.clearances import FASTEST_APPROACH
 from drake_pregrasp.grasping.fingertip_paths import Pace
+from drake_pregrasp.grasping.forward_kinematics import HandPose
 from drake_pregrasp.grasping.grasp_state import BASE, NO_LIMIT, NOT_BLOCKED
 from drake_pregrasp.grasping.hand_commands import GraspCommand, HandGoals
 from drake_pregrasp.grasping.joint_velocities import joint_velocities
 from drake_pregrasp.regions.obstacles import ANYWHERE
 from drake_pregrasp.systems import ports
 from drake_pregrasp.systems.hand_kinematics import moving_joints, point_jacobian, scoped_frame
-from drake_pregrasp.systems.hand_scene import FASTEST_APPROACH, HandScene
+from drake_pregrasp.systems.hand_scene import HandScene
 from drake_pregrasp.systems.palm_frames import pose_error
 
 GAIN = 5.0
@@ -132,6 +134,7 @@ class DifferentialKinematics(LeafSystem):
         self._palm = scoped_frame(hand.plant, base.palm_frame) if base.palm_frame else None
         if self._palm is not None:
             self._carrying = moving_joints(hand.plant, self._palm)
+            self._palm_body = int(self._palm.body().index())
 
         # The time of the last tick, and then the reference q, v, and the v before.
         start = np.concatenate([[0.0], initial, np.zeros(2 * nq)])
@@ -148,8 +151,8 @@ class DifferentialKinematics(LeafSystem):
         placing = (time, stored, self._command, self._obstacles)
         words = "the hand and what is around it, at the Context's time"
         self._placed = ports.declare_context(self, words, scene.diagram, self._place, *placing)
-        words = "the hand at the reference of the last tick"
-        self._posed = ports.declare_context(self, words, hand.plant, self._pose, stored)
+        words, model = "kinematics at the reference of the last tick", hand.pose(initial)
+        self._pose = ports.declare_cache(self, words, model, self._calc_pose, stored)
         sources = (time, stored, self._state)
         ports.declare_output(self, "desired_state", 2 * nq, self._calc_desired, *sources)
         self.DeclareStateOutputPort("blocked_finger", self._blocked)
@@ -176,25 +179,18 @@ class DifferentialKinematics(LeafSystem):
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         command: GraspCommand = self._command.Eval(context)
         _, q, v_last, _ = self._moved(context)
-        plant_context = self._hand.plant.GetMyContextFromRoot(self._placed.Eval(context))
-        p_WT, J_WT, screws = self._hand.tips_and_screws(plant_context)
-        v, blocked = self._next_velocity(context, q, v_last, p_WT, J_WT, screws)
+        pose = self._hand.pose(q)
+        v, blocked = self._next_velocity(context, q, v_last, pose)
         torques = np.zeros(len(q))
         if command.f_T_W.any():
-            torques = command.f_T_W.ravel() @ J_WT.reshape(-1, len(q))
+            torques = command.f_T_W.ravel() @ pose.J_WT.reshape(-1, len(q))
         reference = np.concatenate([[context.get_time()], q, v, v_last])
         discrete_state.set_value(self._reference, reference)
         discrete_state.set_value(self._pressing, np.append(torques, command.force_limits))
         discrete_state.set_value(self._blocked, [float(blocked)])
 
     def _next_velocity(
-        self,
-        context: Context,
-        q: FloatArray,
-        v_last: FloatArray,
-        p_WT: FloatArray,
-        J_WT: FloatArray,
-        screws: FloatArray,
+        self, context: Context, q: FloatArray, v_last: FloatArray, pose: HandPose
     ) -> tuple[FloatArray, int]:
         """Returns the velocities of the joints until the next tick, and the finger that stops them.
 
@@ -202,28 +198,26 @@ class DifferentialKinematics(LeafSystem):
             context: Context of the system.
             q: Present positions of the reference, shape (nq,).
             v_last: Present velocities of the reference, shape (nq,).
-            p_WT: Centres of the fingertips at q in W, shape (n, 3), in metres.
-            J_WT: Their Jacobians, shape (n, 3, nq).
-            screws: Screws of the joints at q, shape (6, nq).
+            pose: Kinematics at q.
         """
         goals: HandGoals = self._goals.Eval(context)
         command: GraspCommand = self._command.Eval(context)
         placed = self._placed.Eval(context)
-        wanted = (goals.p_WT - p_WT) / self._period - goals.v_WT
-        V = goals.v_WT + self._pace.toward(wanted, J_WT @ v_last - goals.v_WT)
-        J, V = J_WT.reshape(-1, len(q)), V.ravel()
+        wanted = (goals.p_WT - pose.p_WT) / self._period - goals.v_WT
+        V = goals.v_WT + self._pace.toward(wanted, pose.J_WT @ v_last - goals.v_WT)
+        J, V = pose.J_WT.reshape(-1, len(q)), V.ravel()
         # What follows a goal with a gain lags a steady motion by the time 1/gain, so it aims ahead.
         p_WL, yaw = goals.p_WL + goals.v_WL / GAIN, goals.yaw + goals.yaw_rate / GAIN
         low, high = self._yaw_range
         yaw = max(low, min(yaw, high))
         if self._palm is not None:
-            X_WP = self._palm.CalcPoseInWorld(self._hand.plant.GetMyContextFromRoot(placed))
-            J_WP = point_jacobian(self._carrying * screws, X_WP.translation())
+            X_WP = RigidTransform(pose.X_WB[self._palm_body]) @ self._palm.GetFixedPoseInBodyFrame()
+            J_WP = point_jacobian(self._carrying * pose.screws, X_WP.translation())
             V_WP = GAIN * pose_error(X_WP, self._base.palm_goal(p_WL, yaw))
             V_WP[3:] = self._pace.limited(V_WP[None, 3:], (J_WP[3:] @ v_last)[None])[0]
             J, V = np.concatenate([J, J_WP]), np.concatenate([V, V_WP])
         v_posture = GAIN * (self._base.posture(self._home, p_WL, yaw) - q)
-        clear = self._scene.clearances(placed, screws, command)
+        clear = self._scene.clearances(placed, pose, command)
         # Joints respect their limits of position, speed and acceleration.
         hand, fastest = self._hand, self._hand.rate_limit
         least = np.minimum(np.maximum(_LIMIT_RATE * (hand.lower - q), -fastest), 0.0)
@@ -239,9 +233,9 @@ class DifferentialKinematics(LeafSystem):
         lacking = clear.least - clear.rows @ stopped
         return stopped, int(clear.fingers[np.argmax(lacking)]) if len(lacking) else BASE
 
-    def _pose(self, context: Context, posed: Context) -> None:
-        q, *_ = context.get_discrete_state(self._reference).value()[1:].reshape(3, -1)
-        self._hand.plant.SetPositions(posed, q)
+    def _calc_pose(self, context: Context) -> HandPose:
+        stored = context.get_discrete_state(self._reference).value()
+        return self._hand.pose(stored[1 : 1 + self._hand.num_positions])
 
     def _calc_desired(self, context: Context) -> FloatArray:
         elapsed, q, v, v_last = self._moved(context)
@@ -260,5 +254,5 @@ class DifferentialKinematics(LeafSystem):
         v_known = v_last if elapsed < 1.5 * self._step else v
         behind = q - elapsed * (v - v_known) - (q_now + self._step * v_now)
         torques = hand.stiffness * behind + hand.damping * (v_known - v_now)
-        allowed = hand.with_limited_forces(self._posed.Eval(context), torques, limits)
+        allowed = hand.with_limited_forces(self._pose.Eval(context).J_WT, torques, limits)
         return np.concatenate([q - (torques - allowed) / hand.stiffness, v])

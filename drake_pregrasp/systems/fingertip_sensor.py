@@ -3,9 +3,10 @@
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
-from drake_pregrasp.arrays import FloatArray, are_valid, validated_numbers
+from drake_pregrasp.arrays import FloatArray, are_valid
+from drake_pregrasp.grasping.forward_kinematics import HandPose
 from drake_pregrasp.systems.hand_kinematics import HandKinematics
-from drake_pregrasp.systems.ports import declare_context, declare_output
+from drake_pregrasp.systems.ports import declare_cache, declare_output
 
 
 class FingertipSensor(LeafSystem):
@@ -47,30 +48,19 @@ class FingertipSensor(LeafSystem):
         nq, n = hand.num_positions, 3 * len(hand.tip_frames)
         self._state = self.DeclareVectorInputPort("hand_state", 2 * nq)
         self._actuation = self.DeclareVectorInputPort("net_actuation", nq)
-        words = "the hand's plant at the measured positions"
-        words, calc = "the hand's plant at the measured positions", self._calc_posed
-        self._posed = posed = declare_context(self, words, hand.plant, calc, self._state)
-        declare_output(self, "p_WT", n, self._calc_positions, posed)
-        declare_output(self, "f_T_W", n, self._calc_forces, posed, self._actuation)
-        declare_output(self, "J_WT", n * nq, self._calc_jacobians, posed)
+        model, words = hand.pose(np.zeros(nq)), "kinematics at the measured positions"
+        self._pose = pose = declare_cache(self, words, model, self._calc_pose, self._state)
+        declare_output(self, "p_WT", n, lambda context: pose.Eval(context).p_WT, pose)
+        declare_output(self, "f_T_W", n, self._calc_forces, pose, self._actuation)
+        declare_output(self, "J_WT", n * nq, lambda context: pose.Eval(context).J_WT, pose)
 
-    def _calc_posed(self, context: Context, posed: Context) -> None:
+    def _calc_pose(self, context: Context) -> HandPose:
         q = self._state.Eval(context)[: self._hand.num_positions]
-        self._hand.plant.SetPositions(posed, q if are_valid(q) else np.zeros(len(q)))
-
-    def _if_known(self, context: Context, measured: FloatArray) -> FloatArray:
-        """Returns what was measured, or NaN if a position is not finite: Drake aborts on NaN."""
-        q = self._state.Eval(context)[: self._hand.num_positions]
-        return measured if are_valid(q) else np.full_like(measured, np.nan)
-
-    def _calc_positions(self, context: Context) -> FloatArray:
-        return self._if_known(context, self._hand.tip_positions(self._posed.Eval(context)))
-
-    def _calc_jacobians(self, context: Context) -> FloatArray:
-        return self._if_known(context, self._hand.tip_jacobians(self._posed.Eval(context)))
+        return self._hand.pose(q if are_valid(q) else np.full(len(q), np.nan))
 
     def _calc_forces(self, context: Context) -> FloatArray:
-        # One NaN makes all forces NaN: the joints of others count times zero.
-        actuation = validated_numbers(self._actuation.Eval(context))
-        forces = self._hand.tip_forces(self._posed.Eval(context), actuation)
-        return self._if_known(context, forces)
+        pose: HandPose = self._pose.Eval(context)
+        actuation = self._actuation.Eval(context)
+        if not (are_valid(pose.p_WT) and are_valid(actuation)):
+            return np.full(pose.p_WT.size, np.nan)
+        return self._hand.tip_forces(pose.J_WT, actuation)

@@ -1,24 +1,23 @@
-"""Kinematics of a hand: frames, screws and Jacobians of its fingertips, and its links."""
+"""Kinematics of a hand: its joints, fingertips and links."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from pydrake.geometry import GeometryId, SceneGraphInspector
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, JacobianWrtVariable, ModelInstanceIndex
-from pydrake.systems.framework import Context
+from pydrake.multibody.tree import BodyIndex, Frame, JacobianWrtVariable, ModelInstanceIndex
 from scipy.linalg.lapack import dposv
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray, norms
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.rotations import skew
+from drake_pregrasp.grasping.forward_kinematics import HandPose, KinematicTree, forward_kinematics
 from drake_pregrasp.grasping.grasp_state import BASE
 
 LARGEST_RATE = 10.0
 """Largest rate of any joint, in rad/s or m/s."""
 
-_ORIGIN = np.zeros(3)
 _FORCE_DIRECTIONS = 3
 _LEAST_SHARE = 0.08  # Singular value of a Jacobian below which it is damped, of its largest one.
 
@@ -26,11 +25,10 @@ _LEAST_SHARE = 0.08  # Singular value of a Jacobian below which it is damped, of
 class HandKinematics:
     """Kinematics of a hand whose joints are all driven to desired positions.
 
-    The caller provides the Context.
-
     Args:
         plant: A finalized plant that contains only the hand and its carrier or arm.
         tip_frames: Scoped names, `model_instance::frame`, of the frames at the fingertips' centres.
+        forward: Implementation of `forward_kinematics`.
 
     Attributes:
         plant: The plant.
@@ -49,11 +47,15 @@ class HandKinematics:
         InvalidArgumentError: If a frame does not exist, or a joint is not driven.
     """
 
-    def __init__(self, plant: MultibodyPlant, tip_frames: Sequence[str]) -> None:
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        tip_frames: Sequence[str],
+        forward: Callable[[KinematicTree, FloatArray], HandPose] = forward_kinematics,
+    ) -> None:
         self.plant = plant
         self.num_positions = int(plant.num_positions())
         self.tip_frames = list(tip_frames)
-        self._world = plant.world_frame()
         self.frames = [scoped_frame(plant, name) for name in tip_frames]
         self.stiffness, self.damping = _gains(plant)
         drives = map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
@@ -63,7 +65,7 @@ class HandKinematics:
         self.acceleration_limit = plant.GetAccelerationUpperLimits()
         moves = np.array([moving_joints(plant, frame) for frame in self.frames])
         self._is_own = moves & (np.sum(moves, axis=0) == 1)
-        self._spanning, self._shown_by = _spanning_frames(plant, self.frames)
+        self._tree, self._forward = _kinematic_tree(plant, self.frames, moves), forward
         for name, own in zip(tip_frames, self._is_own, strict=True):
             if np.sum(own) < _FORCE_DIRECTIONS:
                 raise InvalidArgumentError(
@@ -75,56 +77,26 @@ class HandKinematics:
         """Returns the indices of the joints that move only this finger's tip."""
         return np.flatnonzero(self._is_own[finger])
 
+    def pose(self, q: FloatArray) -> HandPose:
+        """Returns the kinematics at positions of the joints, shape (nq,); NaN where these are."""
+        return self._forward(self._tree, q)
+
     def with_limited_forces(
-        self, plant_context: Context, torques: FloatArray, limits: FloatArray
+        self, J_WT: FloatArray, torques: FloatArray, limits: FloatArray
     ) -> FloatArray:
         """Returns joint torques, less for fingers that would press horizontally beyond a limit.
 
         Args:
-            plant_context: Context of the plant at the hand's positions.
+            J_WT: Jacobians of the fingertips' velocities, shape (n, 3, nq).
             torques: Torques of all joints, shape (nq,), in N m.
             limits: Largest horizontal force of each fingertip, shape (n,), in newtons.
         """
-        J = self.tip_jacobians(plant_context) * self._is_own[:, None]
-        level = _pressing_forces(J, torques) * [1.0, 1.0, 0.0]
-        size = np.linalg.norm(level, axis=1)
-        excess = level * np.maximum(0.0, 1 - limits / np.maximum(size, 1e-9))[:, None]
-        return np.asarray(torques - np.einsum("nij,ni->j", J, excess))
+        level = self.tip_forces(J_WT, torques) * [1.0, 1.0, 0.0]
+        excess = level * np.maximum(0.0, 1 - limits / np.maximum(norms(level), 1e-9))[:, None]
+        own = (J_WT * self._is_own[:, None]).reshape(-1, len(torques))
+        return np.asarray(torques - excess.ravel() @ own)
 
-    def tip_positions(self, plant_context: Context) -> FloatArray:
-        """Returns the fingertips' centres in W, shape (n, 3), in metres."""
-        return _positions_of(self.frames, plant_context)
-
-    def tip_jacobians(self, plant_context: Context) -> FloatArray:
-        """Returns the Jacobians of the fingertips' velocities in W, shape (n, 3, nq)."""
-        return self._jacobians(plant_context, self.frames)[:, 3:]
-
-    def screws(self, plant_context: Context) -> FloatArray:
-        """Returns the screws of the joints in W, shape (6, nq).
-
-        Column j is the spatial velocity, at the origin of W, of all that joint j moves, per unit
-        rate. The Jacobian of a body has the columns of the joints that move it, and zeros.
-        """
-        return self.tips_and_screws(plant_context)[2]
-
-    def tips_and_screws(self, plant_context: Context) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Returns `tip_positions`, `tip_jacobians` and `screws`, in less time than one by one."""
-        p_WF = _positions_of(self._spanning, plant_context)
-        J = self._jacobians(plant_context, self._spanning)
-        w, v = J[:, :3], J[:, 3:]
-        shown = self._shown_by, slice(None), np.arange(len(self._shown_by))
-        screws = np.concatenate([w[shown], (v + skew(p_WF) @ w)[shown]], axis=1).T
-        n = len(self.frames)
-        return p_WF[:n], v[:n], screws
-
-    def _jacobians(self, plant_context: Context, frames: Sequence[Frame]) -> FloatArray:
-        """Returns the Jacobians of the spatial velocities of frames, shape (k, 6, nq)."""
-        # Drake computes it in less time than the Jacobian of the translational velocity.
-        calc, world = self.plant.CalcJacobianSpatialVelocity, self._world
-        kind = JacobianWrtVariable.kV
-        return np.array([calc(plant_context, kind, f, _ORIGIN, world, world) for f in frames])
-
-    def tip_forces(self, plant_context: Context, actuation: FloatArray) -> FloatArray:
+    def tip_forces(self, J_WT: FloatArray, actuation: FloatArray) -> FloatArray:
         """Returns the forces that fingertips press with, in W, shape (n, 3), in newtons.
 
         At rest and without gravity, the torques of a finger's own joints are tau = J^T f. With more
@@ -133,30 +105,25 @@ class HandKinematics:
         the component tau/s there, and tau s/s0^2 below s0, so that |f| <= |tau|/s0.
 
         Args:
-            plant_context: Context of the plant at the hand's positions.
+            J_WT: Jacobians of the fingertips' velocities, shape (n, 3, nq).
             actuation: Torques of all joints, shape (nq,), in N m.
         """
-        J = self.tip_jacobians(plant_context) * self._is_own[:, None]
-        return _pressing_forces(J, actuation)
-
-
-def _pressing_forces(J: FloatArray, torques: FloatArray) -> FloatArray:
-    """Returns `tip_forces` by the Jacobians of the fingers' own joints, shape (n, 3, nq)."""
-    # U and s of J = U s Vᵀ come from J Jᵀ = U s² Uᵀ, which is smaller; Vᵀ tau is s⁻¹ Uᵀ J tau.
-    # Fingers share no own joint, so one J of all of them has the same blocks, and zeros else.
-    rows = J.reshape(-1, len(torques))
-    squared, along = rows @ rows.T, rows @ torques
-    roots, forces, failure = dposv(squared, along)
-    # The determinant is at most s² (trace/2)², so nothing is damped if it is large enough. It is
-    # the squared product of the diagonal of Cholesky's factor.
-    volumes = np.multiply.reduce(roots.diagonal().reshape(-1, 3), axis=1)
-    traces = np.add.reduce(squared.diagonal().reshape(-1, 3), axis=1)
-    if not failure and (4 * volumes**2 > _LEAST_SHARE**2 * traces**3).all():
-        return np.asarray(forces.reshape(-1, 3))
-    squares, U = np.linalg.eigh(J @ J.swapaxes(1, 2))
-    gains = 1 / np.maximum(squares, _LEAST_SHARE**2 * squares[:, -1:])
-    damped: FloatArray = U @ (gains[:, :, None] * (U.swapaxes(1, 2) @ along.reshape(-1, 3, 1)))
-    return damped[:, :, 0]
+        # U and s of J = U s Vᵀ come from J Jᵀ = U s² Uᵀ, which is smaller; Vᵀ tau is s⁻¹ Uᵀ J tau.
+        # Fingers share no own joint, so one J of all of them has the same blocks, and zeros else.
+        J = J_WT * self._is_own[:, None]
+        rows = J.reshape(-1, len(actuation))
+        squared, along = rows @ rows.T, rows @ actuation
+        roots, forces, failure = dposv(squared, along)
+        # The determinant, which is the squared product of the diagonal of Cholesky's factor, is at
+        # most s² (trace/2)², so nothing is damped if it is large enough.
+        volumes = np.multiply.reduce(roots.diagonal().reshape(-1, 3), axis=1)
+        traces = np.add.reduce(squared.diagonal().reshape(-1, 3), axis=1)
+        if not failure and (4 * volumes**2 > _LEAST_SHARE**2 * traces**3).all():
+            return np.asarray(forces.reshape(-1, 3))
+        squares, U = np.linalg.eigh(J @ J.swapaxes(1, 2))
+        gains = 1 / np.maximum(squares, _LEAST_SHARE**2 * squares[:, -1:])
+        damped: FloatArray = U @ (gains[:, :, None] * (U.swapaxes(1, 2) @ along.reshape(-1, 3, 1)))
+        return damped[:, :, 0]
 
 
 @dataclass(frozen=True)
@@ -214,12 +181,6 @@ def hand_links(
             is_last = finger != BASE and np.array_equal(moved, moves[finger])
             links[geometry] = HandLink(body_frame, finger, geometry in tips, is_last)
     return links
-
-
-def frame_poses(frames: Sequence[Frame], plant_context: Context) -> FloatArray:
-    """Returns the rotation and, as the last column, the position of frames in W, (k, 3, 4)."""
-    poses = [frame.CalcPoseInWorld(plant_context).GetAsMatrix34() for frame in frames]
-    return np.array(poses).reshape(-1, 3, 4)
 
 
 def scoped_frame(plant: MultibodyPlant, scoped_name: str) -> Frame:
@@ -281,26 +242,41 @@ def moving_joints(plant: MultibodyPlant, frame: Frame) -> BoolArray:
     return moves
 
 
-def _spanning_frames(
-    plant: MultibodyPlant, tip_frames: Sequence[Frame]
-) -> tuple[list[Frame], IntArray]:
-    """Returns frames that together show all joints, and the index of a frame for each joint.
-
-    The frames of the fingertips come first.
-    """
-    frames: list[Frame] = []
-    shown_by = np.full(plant.num_velocities(), -1)
-    bodies = [plant.get_joint(i).child_body().body_frame() for i in plant.GetJointIndices()]
-    for frame in [*tip_frames, *bodies]:
-        new = moving_joints(plant, frame) & (shown_by < 0)
-        if len(frames) < len(tip_frames) or np.any(new):
-            shown_by[new] = len(frames)
-            frames.append(frame)
-    return frames, shown_by
-
-
-def _positions_of(frames: Sequence[Frame], plant_context: Context) -> FloatArray:
-    return np.array([frame.CalcPoseInWorld(plant_context).translation() for frame in frames])
+def _kinematic_tree(
+    plant: MultibodyPlant, tip_frames: Sequence[Frame], moves_tip: BoolArray
+) -> KinematicTree:
+    context, world, nq = plant.CreateDefaultContext(), plant.world_frame(), plant.num_positions()
+    plant.SetPositions(context, np.zeros(nq))
+    bodies = map(BodyIndex, range(plant.num_bodies()))
+    frames = [plant.get_body(index).body_frame() for index in bodies]
+    X_WB = np.array([frame.CalcPoseInWorld(context).GetAsMatrix34() for frame in frames])
+    moves = np.array([moving_joints(plant, frame) for frame in frames])
+    depths = np.zeros(nq, dtype=np.int64)  # Number of joints that move what a joint carries.
+    screws, before, kind = np.empty((6, nq)), np.full(nq, nq), JacobianWrtVariable.kV
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
+    for joint in (joint for joint in joints if joint.num_velocities()):
+        j, body = joint.velocity_start(), joint.child_body().index()
+        frame, depths[j] = frames[body], np.sum(moves[body])
+        calc = plant.CalcJacobianSpatialVelocity
+        w, v = calc(context, kind, frame, np.zeros(3), world, world)[:, j].reshape(2, 3)
+        screws[:, j] = np.append(w, v + np.cross(X_WB[body, :, 3], w))
+    moved_by = np.full(len(frames), nq)
+    for body in np.flatnonzero(moves.any(axis=1)):
+        movers = np.flatnonzero(moves[body])
+        last, *earlier = movers[np.argsort(-depths[movers])].tolist()
+        moved_by[body], before[last] = last, earlier[0] if earlier else nq
+    order = np.argsort(depths, kind="stable")
+    return KinematicTree(
+        screws=screws,
+        before=before,
+        order=order,
+        levels=tuple(np.split(order, np.flatnonzero(np.diff(depths[order])) + 1)),
+        X_WB=X_WB,
+        moved_by=moved_by,
+        tip_bodies=np.array([int(frame.body().index()) for frame in tip_frames]),
+        p_BT=np.array([f.GetFixedPoseInBodyFrame().translation() for f in tip_frames]),
+        moves_tip=moves_tip,
+    )
 
 
 def point_jacobian(screws: FloatArray, p_W: FloatArray) -> FloatArray:

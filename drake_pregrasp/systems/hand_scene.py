@@ -2,7 +2,6 @@
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import trimesh
@@ -31,52 +30,21 @@ from pydrake.systems.framework import Context
 
 from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.geometry.mesh_solid import MeshSolid
-from drake_pregrasp.geometry.rotations import skew
 from drake_pregrasp.geometry.sampling import split_triangles
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
+from drake_pregrasp.grasping.clearances import INFLUENCE, Clearances, Links, NearPairs, clearances
+from drake_pregrasp.grasping.forward_kinematics import HandPose
 from drake_pregrasp.grasping.grasp_state import BASE
 from drake_pregrasp.grasping.hand_commands import GraspCommand
 from drake_pregrasp.systems.hand_kinematics import (
     HandKinematics,
     HandLink,
-    frame_poses,
     hand_links,
     moving_joints,
 )
 
-LINK_CLEARANCE = 0.005
-"""Least gap of links to everything but the hand, in metres: more than the error of an estimate."""
-
-TIP_CLEARANCE = 0.002
-"""Least gap of fingertips to everything but the hand, in metres; their goals keep a larger one."""
-
-FINGER_CLEARANCE = 0.0005
-"""Least gap between different fingers, in metres: their positions are known."""
-
-_TIP_LEAD = 0.002  # Least distance by which a fingertip is nearer to the object than its links.
-_INFLUENCE = 0.025  # Distance below which motions are limited, in metres.
-_RATE = 15.0  # Largest ratio of the speed of approach to the distance that is left, in 1/s.
-FASTEST_APPROACH = _RATE * _INFLUENCE
-"""Largest speed at which links can slow down in time, in m/s."""
-
-_RETREAT = 0.05  # Largest speed at which a clearance that is violated is restored, in m/s.
 _BALL_SPACING = 0.004  # Largest distance of neighbouring balls of a link, in metres.
 _HUGE = 10.0  # Depth of the box that represents a half-space, in metres.
-
-
-@dataclass(frozen=True, eq=False)
-class Clearances:
-    """Linear constraints that keep a hand clear: rows v >= least for its joint velocities v.
-
-    Attributes:
-        rows: Gradients of signed distances, shape (k, nq).
-        least: Least rates of change of the distances by the hand's own motion, shape (k,), in m/s.
-        fingers: Index of a finger that each row keeps clear, -1 for the base, shape (k,).
-    """
-
-    rows: FloatArray
-    least: FloatArray
-    fingers: IntArray
 
 
 def drake_shape(solid: SignedDistance) -> tuple[Shape, RigidTransform]:
@@ -169,14 +137,17 @@ class HandScene:
         )
         # Links come first, then the object; all other geometries share the last index.
         self._index = {geometry: index for index, geometry in enumerate([*links, self._object])}
-        self._frames = [link.frame for link in links.values()]
-        moves = [moving_joints(hand.plant, frame) for frame in self._frames]
-        self._moves = np.vstack([*moves, np.zeros((2, hand.num_positions))])
-        kinds = [(link.finger, link.is_tip, link.is_last) for link in links.values()]
-        self._finger, is_tip, is_last = np.array(kinds).T
-        self._is_tip, self._is_last = is_tip > 0, is_last > 0
-        self._alone = np.where(self._is_tip, TIP_CLEARANCE, LINK_CLEARANCE)
-        inspector = self._graph.model_inspector()
+        inspector, found = self._graph.model_inspector(), list(links.values())
+        moves = [moving_joints(hand.plant, link.frame) for link in found]
+        self._links = Links(
+            finger=np.array([link.finger for link in found]),
+            is_tip=np.array([link.is_tip for link in found]),
+            is_last=np.array([link.is_last for link in found]),
+            moves=np.vstack([*moves, np.zeros((2, hand.num_positions))]),
+        )
+        self._bodies = np.array([int(link.frame.body().index()) for link in found])
+        X_BL = [inspector.GetPoseInFrame(geometry).GetAsMatrix34() for geometry in links]
+        self._R_BL, self._p_BL = np.split(np.array(X_BL), [3], axis=2)
         self._balls = [link_balls(inspector, geometry) for geometry in links]
 
     def place(
@@ -216,79 +187,56 @@ class HandScene:
         for geometry in names.values():
             self._graph.RemoveGeometry(graph, self._source, geometry)
 
-    def clearances(self, context: Context, screws: FloatArray, command: GraspCommand) -> Clearances:
+    def clearances(self, context: Context, pose: HandPose, command: GraspCommand) -> Clearances:
         """Returns the constraints on the hand's velocities.
-
-        Fingertips that hold the object may touch it, but their links stay farther from it.
 
         Args:
             context: Context of the diagram after `place`.
-            screws: Screws of the hand's joints (`HandKinematics`), shape (6, nq).
-            command: Velocity of the object, and which fingertips hold it or close on it: these are
+            pose: Kinematics of the hand there.
+            command: Motion of the object, and which fingertips hold it or close on it: these are
                 kept clear of other fingers only.
         """
-        holding = command.fingers_hold
-        w_WO, v_WO = command.V_WG if holding.any() else command.V_WO
         query = self._query.Eval(self._graph.GetMyContextFromRoot(context))
-        index, others, links = self._index, len(self._index), len(self._frames)
-        found = []
-        for pair in query.ComputeSignedDistancePairwiseClosestPoints(_INFLUENCE):
-            a, b = index.get(pair.id_A, others), index.get(pair.id_B, others)
+        index, rest = self._index, len(self._index)
+        links, found = rest - 1, []
+        for pair in query.ComputeSignedDistancePairwiseClosestPoints(INFLUENCE):
+            a, b = index.get(pair.id_A, rest), index.get(pair.id_B, rest)
             if a < links:
-                p_WC = query.GetPoseInWorld(pair.id_A) @ pair.p_ACa
-                found.append((a, b, pair.distance, p_WC, pair.nhat_BA_W))
+                found.append((a, b, pair.distance, pair.p_ACa, pair.nhat_BA_W))
             elif b < links:
-                p_WC = query.GetPoseInWorld(pair.id_B) @ pair.p_BCb
-                found.append((b, a, pair.distance, p_WC, -pair.nhat_BA_W))
+                found.append((b, a, pair.distance, pair.p_BCb, -pair.nhat_BA_W))
         if not found:
-            return Clearances(np.empty((0, screws.shape[1])), np.empty(0), np.empty(0, int))
-        link, other, gaps, p_WC, normals = (np.array(part) for part in zip(*found, strict=True))
-        is_object, among_fingers, finger = other == links, other < links, self._finger[link]
-        least_gaps = np.where(among_fingers, FINGER_CLEARANCE, self._alone[link])
-
-        # Rate of a gap: its normal n, away from the other geometry, times the velocity of the link
-        # at the point C less that of the other, where a body that moves with (w, v) at the origin
-        # of W has the velocity v + w x p. Any C on the line between the nearest points will do.
-        X_WO = query.GetPoseInWorld(self._object_frame)
-        if self._solid is not None and len(rows := np.flatnonzero(is_object)):
-            # Drake measures from the hull of the object.
-            solid = self._solid.moved(X_WO.rotation().matrix(), X_WO.translation())
-            plant_context = self.hand.plant.GetMyContextFromRoot(context)
-            gaps[rows], p_WC[rows], normals[rows] = self._nearest(solid, link[rows], plant_context)
-        along = np.concatenate([(skew(p_WC) @ normals[:, :, None])[:, :, 0], normals], axis=1)
-        rates = (along @ screws) * (self._moves[link] - self._moves[other])
-        at_origin = np.concatenate([w_WO, v_WO + skew(X_WO.translation()) @ w_WO])  # Of W.
-        drift = is_object * (along @ at_origin)
-        speeds = np.minimum(_RATE * (least_gaps - gaps), _RETREAT) + drift
-        if not holding.any():
-            return Clearances(rates, speeds, finger)
-        is_tip = self._is_tip[link]
-        tips = {finger[row]: row for row in np.flatnonzero(is_object & is_tip)}
-        last = is_object & self._is_last[link] & ~is_tip & holding[finger]
-        for row in np.flatnonzero(last):
-            # The fingertip on this link comes first, wherever the object is.
-            if (tip := tips.get(finger[row])) is not None:
-                lead = gaps[row] - gaps[tip]
-                rates[row] -= rates[tip]
-                fastest = min(_RATE * (_TIP_LEAD - lead), 0.0)
-                speeds[row] = fastest + drift[row] - drift[tip]
-        kept = among_fingers | ~(is_tip & holding[finger])
-        return Clearances(rates[kept], speeds[kept], finger[kept])
+            return Clearances(np.empty((0, len(pose.screws.T))), np.empty(0), np.empty(0, int))
+        link, other, gaps, p_LC, normals = (np.array(part) for part in zip(*found, strict=True))
+        X_WB = pose.X_WB[self._bodies[link]]
+        p_BC = self._R_BL[link] @ p_LC[:, :, None] + self._p_BL[link]
+        p_WC = (X_WB[:, :, :3] @ p_BC)[:, :, 0] + X_WB[:, :, 3]
+        R_WO, p_WO, (w_WO, v_WO) = command.R_WO, command.p_WO, command.V_WO
+        holding = command.fingers_hold
+        if holding.any():
+            R_WO, p_WO, (w_WO, v_WO) = command.R_WG, command.p_WG, command.V_WG
+        rows = np.flatnonzero(other == links)
+        if self._solid is not None and len(rows):  # Drake measures from the hull of the object.
+            solid = self._solid.moved(R_WO, p_WO)
+            gaps[rows], p_WC[rows], normals[rows] = self._nearest(solid, link[rows], pose)
+        V_W = np.append(w_WO, v_WO + np.cross(p_WO, w_WO))
+        near = NearPairs(link, other, gaps, p_WC, normals)
+        return clearances(self._links, near, pose.screws, V_W, holding)
 
     def _nearest(
-        self, solid: SignedDistance, link: IntArray, plant_context: Context
+        self, solid: SignedDistance, link: IntArray, pose: HandPose
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Returns gaps of links to a solid in W, points on the way, and outward normals there.
 
         Args:
             solid: The solid in W.
             link: Indices of the links, shape (k,).
-            plant_context: Context of the hand's plant.
+            pose: Kinematics of the hand.
         """
         counts = [len(self._balls[i]) for i in link]
         owner, balls = np.repeat(np.arange(len(link)), counts), [self._balls[i] for i in link]
         centers, radii = np.split(np.concatenate(balls), [3], axis=1)
-        X_WB = frame_poses([self._frames[i] for i in link], plant_context)[owner]
+        X_WB = pose.X_WB[self._bodies[link]][owner]
         p_WS = (X_WB[:, :, :3] @ centers[:, :, None])[:, :, 0] + X_WB[:, :, 3]
         distances, outward = solid.distance_and_gradient(p_WS)
         gaps = distances - radii[:, 0]

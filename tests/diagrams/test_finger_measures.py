@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from conftest import usable_hands
 from five_finger_hand import HAND, RING
+from pydrake.multibody.tree import JacobianWrtVariable
 from selections import CUBE, selection_of
 
 from drake_pregrasp import InvalidArgumentError
@@ -31,10 +32,14 @@ def drake_finger(hand, finger, q_own):
     kinematics, own = hand.kinematics, hand.kinematics.own_joints(finger)
     q = hand.base.placed(hand.fingers_home)
     q[own] = q_own
-    context = kinematics.plant.CreateDefaultContext()
-    kinematics.plant.SetPositions(context, q)
-    J = hand.base.X_AW.rotation() @ kinematics.tip_jacobians(context)[finger]
-    return hand.base.X_AW @ kinematics.tip_positions(context)[finger], J[:, own]
+    plant, frame = kinematics.plant, kinematics.frames[finger]
+    context, world = plant.CreateDefaultContext(), plant.world_frame()
+    plant.SetPositions(context, q)
+    J = plant.CalcJacobianTranslationalVelocity(
+        context, JacobianWrtVariable.kV, frame, np.zeros(3), world, world
+    )
+    p_WT = frame.CalcPoseInWorld(context).translation()
+    return hand.base.X_AW @ p_WT, hand.base.X_AW.rotation() @ J[:, own]
 
 
 @pytest.mark.parametrize("name", usable_hands())

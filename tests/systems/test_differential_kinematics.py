@@ -32,10 +32,11 @@ from pydrake.solvers import MathematicalProgram, Solve
 
 from drake_pregrasp import BoxSolid, HalfSpace, InvalidArgumentError, Obstacles, mesh_surface
 from drake_pregrasp.geometry.shapes import revolved_shape
+from drake_pregrasp.grasping.clearances import LINK_CLEARANCE
 from drake_pregrasp.grasping.grasp_state import BASE, NOT_BLOCKED, GiveUp, describe_give_up
 from drake_pregrasp.grasping.joint_velocities import constrained_velocities
 from drake_pregrasp.systems.differential_kinematics import GAIN
-from drake_pregrasp.systems.hand_scene import LINK_CLEARANCE, link_balls
+from drake_pregrasp.systems.hand_scene import link_balls
 
 TABLE = HalfSpace(np.zeros(3), np.array([0.0, 0.0, 1.0]))
 P_WO = np.array([0.0, 0.0, 0.05])
@@ -366,10 +367,7 @@ FORCES = np.random.default_rng(1).normal(size=(N, 3))
 
 def joint_torques(forces):
     """J^T f at Q."""
-    plant = HAND.kinematics.plant
-    context = plant.CreateDefaultContext()
-    plant.SetPositions(context, Q)
-    return np.einsum("nij,ni->j", HAND.kinematics.tip_jacobians(context), forces)
+    return np.einsum("nij,ni->j", HAND.kinematics.pose(Q).J_WT, forces)
 
 
 def resting_hand(**commanded):
@@ -415,11 +413,8 @@ def test_a_finger_that_is_in_the_way_presses_with_no_more_than_its_limit():
     hand = resting_hand(force_limits=limits)
     hand.fix(hand_state=np.append(now, np.zeros(NQ)))
     desired, _ = hand.array("desired_state").reshape(2, NQ)
-    plant = HAND.kinematics.plant
-    context = plant.CreateDefaultContext()
-    plant.SetPositions(context, Q)
     torques = HAND.kinematics.stiffness * (desired - now)
-    forces = HAND.kinematics.tip_forces(context, torques)
+    forces = HAND.kinematics.tip_forces(HAND.kinematics.pose(Q).J_WT, torques)
     shares = np.minimum(1, limits / np.linalg.norm(3 * FORCES[:, :2], axis=1))
     assert np.any(shares < 1)
     assert np.any(shares[3:] < 1)

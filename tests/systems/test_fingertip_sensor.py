@@ -17,10 +17,7 @@ FORCES = np.random.default_rng(1).normal(size=(N, 3))
 
 def joint_torques(forces):
     """J^T f at Q."""
-    plant = HAND.kinematics.plant
-    context = plant.CreateDefaultContext()
-    plant.SetPositions(context, Q)
-    return np.einsum("nij,ni->j", HAND.kinematics.tip_jacobians(context), forces)
+    return np.einsum("nij,ni->j", HAND.kinematics.pose(Q).J_WT, forces)
 
 
 def test_a_sensor_feels_what_fingers_press_with():
