@@ -67,7 +67,7 @@ def forward_kinematics(tree: KinematicTree, q: FloatArray) -> HandPose:
         q: Positions of the joints, shape (nq,), in radians or metres.
     """
     w, v = tree.screws.T.reshape(-1, 2, 3).swapaxes(0, 1)
-    turns, W, sine = w.any(axis=1), skew(w), np.sin(q)[:, None, None]
+    turns, W, sine = np.logical_or.reduce(w != 0, axis=1), skew(w), np.sin(q)[:, None, None]
     center = np.cross(w, v)
     slide = np.where(turns[:, None], np.add.reduce(w * v, axis=1)[:, None] * w, v)
     # The last motion is that of W, which stays.

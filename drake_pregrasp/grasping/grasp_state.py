@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, pack, unpacker
+from drake_pregrasp.arrays import BoolArray, FloatArray, norms, pack, unpacker
 
 BASE = -1
 """Value in place of a finger's index for the palm with its carrier or arm."""
@@ -198,23 +198,21 @@ class Ramp:
 
     def value(self, time: float) -> float:
         """Returns the value at a time in seconds."""
-        s = self._share(time)
+        if time >= self.start + self.duration:
+            return self.last
+        s = max(0.0, (time - self.start) / self.duration)
         return self.first + (self.last - self.first) * s * s * (3 - 2 * s)
 
     def rate(self, time: float) -> float:
         """Returns the rate of change per second at a time in seconds."""
-        s = self._share(time)
-        change = 6 * s * (1 - s) * (self.last - self.first)
-        return change / self.duration if change else 0.0
+        if not self.start < time < self.start + self.duration:
+            return 0.0
+        s = (time - self.start) / self.duration
+        return 6 * s * (1 - s) * (self.last - self.first) / self.duration
 
     def is_over(self, time: float) -> bool:
         """Returns whether the change is over at a time in seconds, up to rounding."""
         return time >= self.start + self.duration - 1e-9
-
-    def _share(self, time: float) -> float:
-        if time >= self.start + self.duration:
-            return 1.0
-        return max(0.0, (time - self.start) / self.duration)
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,35 +271,35 @@ class GraspState:
         """Whether contacts are fixed on the object."""
         return self.phase >= GraspPhase.CLOSE
 
-    def fingers_hold(self, time: float) -> BoolArray:
+    def fingers_hold(self, share: float) -> BoolArray:
         """Returns whether each finger holds its contact, or closes on it, shape (n,).
 
         A hand that backs off holds with all active fingers while forces decrease, and then with
         the fingers that still touch.
 
         Args:
-            time: Present time in seconds.
+            share: Present value of `force`.
         """
         if not self.holds_contacts:
             return np.zeros_like(self.active)
-        if self.phase < GraspPhase.BACK_OFF or self.force.value(time) > 0:
+        if self.phase < GraspPhase.BACK_OFF or share > 0:
             return self.active
         return self.active & self.touched
 
-    def force_limits(self, time: float, touch_force: float) -> FloatArray:
+    def force_limits(self, share: float, touch_force: float) -> FloatArray:
         """Returns the largest horizontal force of each finger, shape (n,), in newtons.
 
         Until the squeeze is complete, and while a hand that has not gripped backs off, fingers
         press with little more than they should.
 
         Args:
-            time: Present time in seconds.
+            share: Present value of `force`.
             touch_force: Least normal force that counts as touch.
         """
         has_let_go = self.phase == GraspPhase.BACK_OFF and np.isinf(self.gripped)
         if self.phase not in (GraspPhase.CLOSE, GraspPhase.SQUEEZE) and not has_let_go:
             return np.full(len(self.active), NO_LIMIT)
-        planned: FloatArray = self.force.value(time) * np.linalg.norm(self.forces, axis=1)
+        planned = share * norms(self.forces)
         return np.where(self.active, planned + _GENTLE * touch_force, NO_LIMIT)
 
     def to_vector(self) -> FloatArray:

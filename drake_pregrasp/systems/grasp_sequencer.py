@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -33,6 +34,29 @@ from drake_pregrasp.systems.squeeze_program import plan_squeeze
 
 GRAVITY: float = UniformGravityFieldElement.kDefaultStrength
 """Acceleration of gravity along -z of W, in m/s²."""
+
+
+class _Memory(NamedTuple):
+    """What the system stored at its last tick, and what follows from it.
+
+    Attributes:
+        state: State of the grasp.
+        last: Last motion of G in the squeeze.
+        p_GT: Goals of the fingertips in G since they press firmly, else NaN, shape (n, 3): their
+            measured places would keep the strain of the touch, which then drives the object without
+            end.
+        sticks: Whether some fingertip has such a goal.
+        stands: Whether the object still stands on the table.
+        is_gripped: Whether G moves with the fingertips, or as they left it.
+    """
+
+    state: GraspState
+    last: HeldMotion
+    p_GT: FloatArray
+    sticks: bool
+    stands: bool
+    is_gripped: bool
+
 
 _AT_REST = HeldMotion.at_rest()
 _unpack_motion = unpacker(_AT_REST)
@@ -149,8 +173,6 @@ class GraspSequencer(LeafSystem):
         self._unpack = state_unpacker(n)
         self._state = self.DeclareDiscreteState(first.to_vector())
         self._last = self.DeclareDiscreteState(pack(_AT_REST))
-        # Goals of the fingertips in G since they press firmly, else NaN. Their measured places
-        # would keep the strain of the touch, which then drives the object without end.
         self._sticking = self.DeclareDiscreteState(np.full(3 * n, np.nan))
         self._close = self.DeclareVectorInputPort("close", 1)
         self._contacts = self.DeclareVectorInputPort("contacts", 7 * n)
@@ -164,7 +186,8 @@ class GraspSequencer(LeafSystem):
         self._pose = ports.LastPose(self, self._X_WO, tracking_status)
         stored, time = self.xd_ticket(), self.time_ticket()
         cache, output = partial(ports.declare_cache, self), partial(ports.declare_output, self)
-        self._remembered = state = cache("stored state", first, self._calc_remembered, stored)
+        model = _Memory(first, _AT_REST, np.empty((n, 3)), False, True, False)
+        self._memory = memory = cache("memory", model, self._calc_memory, stored)
         sources = (time, stored, self._p_WT)
         self._held = held = cache("motion of held object", _AT_REST, self._calc_held, *sources)
         any_value = AbstractValue.Make(object())
@@ -173,33 +196,29 @@ class GraspSequencer(LeafSystem):
         self._command = command
         output("command", any_value, command.Eval, command)
         output("X_WG", ports.POSE, self._calc_X_WG, command)
-        output("hold_contacts", 1, lambda c: state.Eval(c).holds_contacts, state)
-        output("grasp_report", 4, self._calc_report, state)
+        output("hold_contacts", 1, lambda c: memory.Eval(c).state.holds_contacts, memory)
+        output("grasp_report", 4, self._calc_report, memory)
         output("V_WO_held", ports.VELOCITY, self._calc_V_WO_held, held)
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._advance)
 
-    def _calc_remembered(self, context: Context) -> GraspState:
-        return self._unpack(context.get_discrete_state(self._state).value())
-
-    def _sticking_tips(self, context: Context) -> FloatArray:
-        return np.asarray(context.get_discrete_state(self._sticking).value().reshape(-1, 3))
-
-    def _last_motion(self, context: Context) -> tuple[HeldMotion, bool]:
-        """Returns the last motion of G in the squeeze, and whether the object still stands."""
-        state: GraspState = self._remembered.Eval(context)
-        last = _unpack_motion(context.get_discrete_state(self._last).value())
+    def _calc_memory(self, context: Context) -> _Memory:
+        stored = [context.get_discrete_state(i).value() for i in range(3)]
+        state, last, p_GT = self._unpack(stored[0]), _unpack_motion(stored[1]), stored[2].copy()
+        sticks = bool(np.isfinite(p_GT).any())
+        has_lifted = state.phase > GraspPhase.SQUEEZE
         opened = state.phase == GraspPhase.BACK_OFF and state.since <= last.time
-        return last, opened or state.phase <= GraspPhase.SQUEEZE
+        is_gripped = math.isfinite(state.gripped) and (has_lifted or sticks)
+        stands = opened or not has_lifted
+        return _Memory(state, last, p_GT.reshape(-1, 3), sticks, stands, is_gripped)
 
     def _calc_held(self, context: Context) -> HeldMotion:
         """Returns the motion of G by the fingertips alone."""
-        state: GraspState = self._remembered.Eval(context)
-        (last, stands), time = self._last_motion(context), context.get_time()
+        state, last, p_GT, *_, stands, _ = self._memory.Eval(context)
+        time = context.get_time()
         if not stands:
             return last.stopping(time, self._settings.stop_duration)
         if state.phase == GraspPhase.BACK_OFF:
             return last.without_acceleration().at(time)
-        p_GT = self._sticking_tips(context)
         p_WT = validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
         on = state.active & np.all(np.isfinite(p_WT) & np.isfinite(p_GT), axis=1)
         now = last.at(time)
@@ -208,16 +227,17 @@ class GraspSequencer(LeafSystem):
         return now
 
     def _calc_command(self, context: Context) -> GraspCommand:
-        state: GraspState = self._remembered.Eval(context)
-        time, settings = context.get_time(), self._settings
+        memory: _Memory = self._memory.Eval(context)
+        state, time, settings = memory.state, context.get_time(), self._settings
         R_WO, p_WO = self._pose.split(context)
         V_WO = ports.validated_velocity(self._V_WO.Eval(context))
         R_WG, p_WG, V_WG = R_WO, p_WO, V_WO
         half = self._config.period / 2
-        if self._is_gripped(context):
+        if memory.is_gripped:
             motion: HeldMotion = self._held.Eval(context)
             R_WG, p_WG, V_WG = motion.R_WG, motion.p_WG, motion.V_WG + half * motion.A_WG
-        axis = self._rising_axis(state, time)
+        share = state.force.value(time)
+        axis = self._lift_axis if share > 0 else self._palm_axis
         return GraspCommand(
             R_WO=R_WO,
             p_WO=p_WO,
@@ -228,29 +248,19 @@ class GraspSequencer(LeafSystem):
             is_tracked=self._pose.is_tracked(context),
             holds_contacts=state.holds_contacts,
             standoffs=state.standoffs,
-            fingers_hold=state.fingers_hold(time),
-            f_T_W=self._fingertip_forces(context, R_WG),
-            force_limits=state.force_limits(time, settings.touch_force),
+            fingers_hold=state.fingers_hold(share),
+            f_T_W=self._fingertip_forces(context, share, R_WG),
+            force_limits=state.force_limits(share, settings.touch_force),
         )
-
-    def _is_gripped(self, context: Context) -> bool:
-        """Returns whether G moves with the fingertips, or as they left it."""
-        state: GraspState = self._remembered.Eval(context)
-        return math.isfinite(state.gripped) and bool(
-            state.phase > GraspPhase.SQUEEZE or np.isfinite(self._sticking_tips(context)).any()
-        )
-
-    def _rising_axis(self, state: GraspState, time: float) -> FloatArray:
-        return self._lift_axis if state.force.value(time) > 0 else self._palm_axis
 
     def _calc_X_WG(self, context: Context) -> RigidTransform:
         command: GraspCommand = self._command.Eval(context)
         return RigidTransform(RotationMatrix(command.R_WG), command.p_WG)
 
     def _calc_V_WO_held(self, context: Context) -> SpatialVelocity:
-        state: GraspState = self._remembered.Eval(context)
-        time = context.get_time()
-        if state.force.value(time) == 0 or np.isnan(self._sticking_tips(context)).all():
+        memory: _Memory = self._memory.Eval(context)
+        state, time = memory.state, context.get_time()
+        if not memory.sticks or state.force.value(time) == 0:
             return SpatialVelocity(np.full(6, np.nan))
         w_WG, v_WG = self._held.Eval(context).V_WG
         return SpatialVelocity(w=w_WG, v=v_WG + state.height.rate(time) * self._lift_axis)
@@ -268,8 +278,8 @@ class GraspSequencer(LeafSystem):
         return np.asarray((p_WT - command.p_WG) @ command.R_WG)
 
     def _advance(self, context: Context, discrete_state: DiscreteValues) -> None:
-        state: GraspState = self._remembered.Eval(context)
-        command: GraspCommand = self._command.Eval(context)
+        memory: _Memory = self._memory.Eval(context)
+        state, command = memory.state, self._command.Eval(context)
         p_OC, nhat, active = self._contact_frames(context)
         p_GT = self._tips(context)
         presses = np.zeros(len(p_OC))
@@ -301,7 +311,7 @@ class GraspSequencer(LeafSystem):
         if not GraspPhase.CLOSE <= state.phase <= GraspPhase.SQUEEZE:
             return  # In other phases nothing is gripped, or the motion is kept.
         motion: HeldMotion = self._held.Eval(context)
-        if not self._is_gripped(context):
+        if not memory.is_gripped:
             still = np.zeros((2, 3))
             motion = HeldMotion(view.time, command.R_WO, command.p_WO, command.V_WO, still)
         discrete_state.set_value(self._last, pack(motion))
@@ -312,7 +322,7 @@ class GraspSequencer(LeafSystem):
     def _plan_squeeze(self, context: Context, active: BoolArray) -> Squeeze:
         p_OC, nhat, _ = self._contact_frames(context)
         p_OC, nhat = p_OC[active], nhat[active]
-        if self._solid is not None and self._remembered.Eval(context).phase >= GraspPhase.CLOSE:
+        if self._solid is not None and self._memory.Eval(context).state.phase >= GraspPhase.CLOSE:
             p_OT = self._tips(context)[active]
             distances, nhat = self._solid.distance_and_gradient(p_OT)
             p_OC = p_OT - distances[:, None] * nhat
@@ -341,20 +351,18 @@ class GraspSequencer(LeafSystem):
         forces[active] = planned.forces
         return planned._replace(forces=forces)
 
-    def _fingertip_forces(self, context: Context, R_WG: FloatArray) -> FloatArray:
+    def _fingertip_forces(self, context: Context, share: float, R_WG: FloatArray) -> FloatArray:
         """Returns the forces that the fingertips should press with, in W, shape (n, 3)."""
-        state: GraspState = self._remembered.Eval(context)
-        share = state.force.value(context.get_time())
+        state, last, *_, stands, _ = self._memory.Eval(context)
         if share == 0 and not state.touched.any():
             return np.zeros(state.forces.shape)
         _, nhat, _ = self._contact_frames(context)
         touch = -self._settings.touch_force * state.touched[:, None] * np.nan_to_num(nhat)
         planned, on = state.forces @ R_WG.T, state.active
-        last, stands = self._last_motion(context)
         lifted = 0.0 if stands else min(1.0, (context.get_time() - last.time) / _WEIGHT_DURATION)
         planned[on, 2] -= (1 - lifted) * np.sum(planned[on, 2]) / max(1, np.sum(on))
         return np.asarray((1 - share) * touch @ R_WG.T + share * planned)
 
     def _calc_report(self, context: Context) -> list[float]:
-        state: GraspState = self._remembered.Eval(context)
+        state: GraspState = self._memory.Eval(context).state
         return [state.phase, state.since, state.reason, state.detail]

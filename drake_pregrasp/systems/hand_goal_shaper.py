@@ -177,10 +177,6 @@ class HandGoalShaper(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(target_period, 0.0, self._sample_targets)
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._update)
 
-    def _points(self, context: Context, index: int) -> FloatArray:
-        """Returns the points or velocities of a group of the state, shape (n, 3)."""
-        return np.asarray(context.get_discrete_state(index).value().reshape(-1, 3))
-
     def _sample_targets(self, context: Context, discrete_state: DiscreteValues) -> None:
         """Stores the contact goals in O, and which fingers have one."""
         command: GraspCommand = self._command.Eval(context)
@@ -208,7 +204,8 @@ class HandGoalShaper(LeafSystem):
         stored = context.get_discrete_state(self._contacts if held else self._targeted).value()
         p_OC, nhat = stored[: 6 * n].reshape(2, n, 3)
         active = stored[6 * n :] > 0
-        p_GT, v_GT = self._points(context, self._tips), self._points(context, self._rates)
+        p_GT = context.get_discrete_state(self._tips).value().reshape(-1, 3)
+        v_GT = context.get_discrete_state(self._rates).value().reshape(-1, 3)
         # Paths are planned in the frame A of the approach, in which the palm's axis is z.
         R_AW, R_AG = self._R_AL, self._R_AL @ command.R_WG
         p_AG = self._p_AL - R_AG @ self._p_OCoM
@@ -253,7 +250,8 @@ class HandGoalShaper(LeafSystem):
 
     def _calc_goals(self, context: Context) -> HandGoals:
         command: GraspCommand = self._command.Eval(context)
-        p_GT, v_GT = self._points(context, self._tips), self._points(context, self._rates)
+        p_GT = context.get_discrete_state(self._tips).value().reshape(-1, 3)
+        v_GT = context.get_discrete_state(self._rates).value().reshape(-1, 3)
         (w_WG, v_WG), R_WG = command.V_WG, command.R_WG
         R_ahead = rotation_matrix(w_WG * self._lead) @ R_WG
         W = skew(w_WG)

@@ -30,6 +30,7 @@ from pydrake.systems.framework import Context
 
 from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.geometry.mesh_solid import MeshSolid
+from drake_pregrasp.geometry.rotations import skew
 from drake_pregrasp.geometry.sampling import split_triangles
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.grasping.clearances import INFLUENCE, Clearances, Links, NearPairs, clearances
@@ -219,7 +220,7 @@ class HandScene:
         if self._solid is not None and len(rows):  # Drake measures from the hull of the object.
             solid = self._solid.moved(R_WO, p_WO)
             gaps[rows], p_WC[rows], normals[rows] = self._nearest(solid, link[rows], pose)
-        V_W = np.append(w_WO, v_WO + np.cross(p_WO, w_WO))
+        V_W = np.concatenate([w_WO, v_WO + skew(p_WO) @ w_WO])  # At the origin of W.
         near = NearPairs(link, other, gaps, p_WC, normals)
         return clearances(self._links, near, pose.screws, V_W, holding)
 

@@ -282,6 +282,8 @@ def eval_solids(
     system: LeafSystem, port: InputPort, context: Context, R_GW: FloatArray, p_GW: FloatArray
 ) -> tuple[Solid, ...]:
     """Returns the solids of the obstacles at a port, in a frame G (`place_obstacles`)."""
+    if not port.HasValue(context):
+        return ()
     solids = eval_obstacles(system, port, context).solids
     return place_obstacles(Obstacles(solids), R_GW, p_GW).solids if solids else ()
 
