@@ -1,5 +1,6 @@
 """Poses in and commands out as LCM messages, in Drake's own types."""
 
+import logging
 import math
 import time
 from collections.abc import Sequence
@@ -13,7 +14,7 @@ from pydrake.lcm import DrakeLcmInterface
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, LeafSystem
-from pydrake.systems.lcm import LcmPublisherSystem, LcmSubscriberSystem
+from pydrake.systems.lcm import LcmPublisherSystem, LcmSubscriberSystem, PySerializer
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
@@ -30,6 +31,42 @@ _POLL = 1  # Longest wait for a message, in milliseconds.
 _SLACK = 1e-3  # Time before a tick at which it has not begun, and after it, in periods.
 _OFFSET = _SLACK / 2  # Time after a tick, in periods, at which commands are sent that contain it.
 _PHASE_GAIN = 0.05  # Share of a message's phase that the clock of `run_lcm_loop` is shifted by.
+_FLOOD = 20  # Messages on a bus in one tick beyond which they are reported.
+
+
+class _Refusals:
+    """Counts what is refused, and warns at the first, the tenth, the hundredth and so on.
+
+    Args:
+        what: What is refused, in words.
+    """
+
+    def __init__(self, what: str) -> None:
+        self._what, self._count, self._next = what, 0, 1
+
+    def add(self, count: int = 1) -> None:
+        self._count += count
+        if self._count >= self._next:
+            logging.getLogger(__name__).warning("%d %s", self._count, self._what)
+            self._next = 10 ** len(str(self._count))
+
+
+class _PoseSerializer(PySerializer):
+    """Reads messages with poses, and leaves the last one where a message is malformed.
+
+    Args:
+        channel: Name of the channel, for the warning.
+    """
+
+    def __init__(self, channel: str) -> None:
+        super().__init__(lcmt_scope)
+        self._malformed = _Refusals(f"malformed messages on {channel} are ignored")
+
+    def Deserialize(self, buffer: bytes, abstract_value: AbstractValue) -> None:
+        try:
+            super().Deserialize(buffer, abstract_value)
+        except Exception:  # Of LCM's decoder, which raises errors of many kinds.
+            self._malformed.add()
 
 
 class PoseReceiver(LeafSystem):
@@ -105,8 +142,9 @@ class CommandSender(LeafSystem):
 
     Port `command` emits an `lcmt_allegro_command` or `lcmt_panda_command`. Positions move from
     `initial` to the desired ones, no faster than `max_speed`. If the newest measurement is older
-    than `timeout`, if there is none yet, or if an input is not finite, positions stay and
-    velocities are zero. The stamp is this machine's clock, because drivers refuse old commands.
+    than `timeout`, in simulated time or since its first command by this machine's monotonic clock,
+    if there is none yet, or if an input is not finite, positions stay and velocities are zero. The
+    stamp is this machine's clock, because drivers refuse old commands.
     Commands belong to the moment right after a tick, when the controller has stored its results.
 
     Port `is_stopped` emits a vector of 1: 1 on silence, else 0.
@@ -138,6 +176,8 @@ class CommandSender(LeafSystem):
         self._desired = self.DeclareVectorInputPort("desired_state", 2 * len(initial))
         self._age = self.DeclareVectorInputPort("time_since_measurement", 1)
         self._q = self.DeclareDiscreteState(np.asarray(initial)[self._joints])
+        # Age at the last command, and the clock at the first one with the newest measurement.
+        self._seen = self.DeclareDiscreteState([math.inf, 0.0])
         model = AbstractValue.Make(lcm_type())
         self.DeclareAbstractOutputPort("command", model.Clone, self._calc_command)
         self.DeclareVectorOutputPort("is_stopped", 1, self._calc_stopped)
@@ -148,16 +188,25 @@ class CommandSender(LeafSystem):
         q: FloatArray = context.get_discrete_state(self._q).value()
         desired = self._desired.Eval(context)[self._joints]
         age = self._age.Eval(context)[0]
-        is_alive = age <= self._timeout and age < context.get_time()
+        elapsed = time.monotonic() - self._next_seen(context)[1]
+        is_alive = max(age, elapsed) <= self._timeout and age < context.get_time()
         if not (is_alive and np.all(np.isfinite(desired))):
             return q, True
         return q + np.clip(desired - q, -self._step, self._step), False
+
+    def _next_seen(self, context: Context) -> list[float]:
+        """Returns the next value of the state `_seen`."""
+        age = self._age.Eval(context)[0]
+        last, clock = context.get_discrete_state(self._seen).value()
+        is_new = age < last + self._period / 2  # Without a measurement it grows by a period.
+        return [age, time.monotonic() if is_new else clock]
 
     def _calc_stopped(self, context: Context, output: Any) -> None:
         output.SetAtIndex(0, self._next(context)[1])
 
     def _store(self, context: Context, discrete_state: DiscreteValues) -> None:
         discrete_state.set_value(self._q, self._next(context)[0])
+        discrete_state.set_value(self._seen, self._next_seen(context))
 
     def _calc_command(self, context: Context, output: AbstractValue) -> None:
         q, n, command = self._next(context)[0], len(self._joints), self._type()
@@ -184,7 +233,7 @@ def AddPoseSubscriber(
         lcm: Bus, from `DrakeLcm` or `ApplyLcmBusConfig`.
         channel: Channel with `lcmt_scope` messages.
     """
-    subscriber = LcmSubscriberSystem.Make(channel, lcmt_scope, lcm)
+    subscriber = LcmSubscriberSystem(channel, _PoseSerializer(channel), lcm)
     builder.AddNamedSystem(f"subscriber({channel})", subscriber)
     receiver: PoseReceiver = builder.AddNamedSystem("pose_receiver", PoseReceiver())
     builder.Connect(subscriber.get_output_port(), receiver.GetInputPort("message"))
@@ -235,7 +284,7 @@ def run_lcm_loop(
     """Advances a diagram in real time, and runs a tick as soon as a message arrives.
 
     A tick that has no message within half a period runs without one. The clock follows the phase of
-    the messages, so that they do not wait for the next tick.
+    the first message after each tick, so that messages do not wait for the next tick.
 
     Args:
         simulator: Simulator of the diagram.
@@ -246,11 +295,13 @@ def run_lcm_loop(
     context = simulator.get_context()
     start = time.monotonic() - context.get_time()
     tick, slack = math.floor(context.get_time() / period) + 1, _SLACK * period
+    came, flood = 0, _Refusals(f"messages are more than {_FLOOD} in a tick; the newest counts")
     while context.get_time() < duration:
         now, due = time.monotonic() - start, tick * period
-        is_fresh = lcm.HandleSubscriptions(_POLL if now < due + period / 2 else 0) > 0
+        before, came = came, came + lcm.HandleSubscriptions(_POLL if now < due + period / 2 else 0)
+        is_fresh = came > before
         now = time.monotonic() - start
-        if is_fresh:
+        if is_fresh and not before:
             start += _PHASE_GAIN * (now - round(now / period) * period)
         if now < due + (-0.5 if is_fresh else 0.5) * period:
             # A message counts as received at the time of the context, which follows the clock.
@@ -258,4 +309,6 @@ def run_lcm_loop(
             continue
         simulator.AdvanceTo(min(duration, due))
         simulator.AdvanceTo(min(duration, due + slack))  # Stores the tick, and sends commands.
-        tick += 1
+        if came > _FLOOD:
+            flood.add(came - _FLOOD)
+        tick, came = tick + 1, 0

@@ -207,11 +207,11 @@ def test_a_loop_on_this_machine_answers_each_pose():
 class TimedCamera:
     """A bus that sends poses at the rate of ticks but at another phase, on a clock of its own."""
 
-    def __init__(self, lcm, phase):
-        self.lcm, self.phase, self.now, self.sent = lcm, phase, 0.0, 0
+    def __init__(self, lcm, phase, period=PERIOD):
+        self.lcm, self.phase, self.period, self.now, self.sent = lcm, phase, period, 0.0, 0
 
     def HandleSubscriptions(self, timeout_millis):
-        due, latest = self.phase + self.sent * PERIOD, self.now + timeout_millis / 1000
+        due, latest = self.phase + self.sent * self.period, self.now + timeout_millis / 1000
         if due > latest:
             self.now = latest
             return 0
@@ -221,11 +221,70 @@ class TimedCamera:
         return self.lcm.HandleSubscriptions(0)
 
 
+def set_clock(monkeypatch, monotonic):
+    clock = SimpleNamespace(monotonic=monotonic, time_ns=time.time_ns)
+    monkeypatch.setattr("drake_pregrasp.interfaces.lcm.time", clock)
+
+
+@pytest.mark.parametrize("period", [PERIOD / 18, PERIOD / 50])
+def test_a_flood_of_poses_does_not_change_the_clock(lcm, monkeypatch, caplog, period):
+    loop, camera = Loop(lcm, ALLEGRO_CHANNEL), TimedCamera(lcm, 0.0, period)
+    set_clock(monkeypatch, lambda: camera.now)
+    run_lcm_loop(loop.simulator, camera, period=PERIOD, duration=1.0)
+    assert camera.now == pytest.approx(1.0, rel=0.05)
+    assert ("more than 20 in a tick" in caplog.text) == (period < PERIOD / 20)
+
+
+GOOD = lcmt_scope()
+GOOD.utime, GOOD.size, GOOD.value = 7, 7, [0.25, 0.0, 0.05, 1.0, 0.0, 0.0, 0.0]
+ENCODED = GOOD.encode()
+MALFORMED = [
+    b"",
+    b"\0" * 8,
+    lcmt_allegro_command().encode(),
+    ENCODED[:-1],
+    ENCODED[:18],
+    ENCODED[:16] + b"\xff" * 4 + ENCODED[20:],
+    ENCODED[:16] + b"\x7f\xff\xff\xff" + ENCODED[20:],
+]
+
+
+def test_malformed_messages_are_ignored_and_counted(lcm, caplog):
+    loop = Loop(lcm, ALLEGRO_CHANNEL)
+    lcm.Publish(POSE_CHANNEL, ENCODED)
+    loop.advance(2)
+    for message in MALFORMED * 2:
+        lcm.Publish(POSE_CHANNEL, message)
+        loop.advance(1)
+        assert loop.value(loop.poses, "X_WO_measured").translation()[0] == 0.25
+    assert f"1 malformed messages on {POSE_CHANNEL}" in caplog.text
+    assert "10 malformed messages" in caplog.text
+    send_pose(lcm, 8, 0.26)
+    loop.advance(1)
+    assert loop.value(loop.poses, "X_WO_measured").translation()[0] == 0.26
+
+
+def test_joints_stop_on_silence_even_if_simulated_time_lags(lcm, monkeypatch):
+    now = [100.0]
+    set_clock(monkeypatch, lambda: now[0])
+    loop = Loop(lcm, ALLEGRO_CHANNEL, timeout=0.2)
+    for k in range(10):
+        now[0] += 10.0  # A slow machine, but each command has a new pose.
+        send_pose(lcm, k + 1, 0.001 * k)
+        loop.advance(1)
+    assert loop.value(loop.sender, "is_stopped") == 0
+    now[0] += 0.1
+    loop.advance(2)
+    assert loop.value(loop.sender, "is_stopped") == 0
+    now[0] += 0.25
+    loop.advance(1)
+    assert loop.value(loop.sender, "is_stopped") == 1
+
+
 @pytest.mark.parametrize("phase", [0.0001, 0.0051])
 def test_ticks_run_when_poses_come(lcm, phase, monkeypatch):
     loop, camera = Loop(lcm, ALLEGRO_CHANNEL), TimedCamera(lcm, phase)
-    clock = SimpleNamespace(monotonic=lambda: camera.now, time_ns=time.time_ns)
-    monkeypatch.setattr("drake_pregrasp.interfaces.lcm.time", clock)
+    set_clock(monkeypatch, lambda: camera.now)
     run_lcm_loop(loop.simulator, camera, period=PERIOD, duration=1.2)
     ages = loop.ages.FindLog(loop.simulator.get_context()).data()[0]
     assert len(ages) == pytest.approx(1.2 / PERIOD, abs=2)
