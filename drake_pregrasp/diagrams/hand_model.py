@@ -15,7 +15,7 @@ from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model
 from drake_pregrasp.diagrams.palm_base import PalmCarrier, check_home, make_base
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.fast import default_kernels
-from drake_pregrasp.fast.kernels import REFERENCE, Kernels
+from drake_pregrasp.fast.kernels import REFERENCE, HandKernels, Kernels
 from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
@@ -65,7 +65,7 @@ class HandModel:
         self._diagram = self._parse()  # Keeps the plant alive.
         plant = self._diagram.plant()
         self.base = make_base(description.base, plant, plant.GetModelInstanceByName(HAND), X_LA)
-        self.kinematics = self._kinematics(self._diagram)
+        self.kinematics = self._kinematics(self._diagram, REFERENCE.hand())
         self.tip_radii: FloatArray = np.array([tip.radius for tip in description.fingertips])
         self.fingers_home = self._place_fingers()
         p_WT = self.tips_at(self.base.placed(self.fingers_home))
@@ -82,9 +82,9 @@ class HandModel:
         builder.plant().Finalize()
         return builder.Build()
 
-    def _kinematics(self, diagram: RobotDiagram, kernels: Kernels = REFERENCE) -> HandKinematics:
+    def _kinematics(self, diagram: RobotDiagram, kernels: HandKernels) -> HandKinematics:
         frames = [f"{HAND}::{tip.frame}" for tip in self.description.fingertips]
-        return HandKinematics(diagram.plant(), frames, kernels.forward_kinematics())
+        return HandKinematics(diagram.plant(), frames, kernels.forward_kinematics)
 
     def make_scene(
         self, object_solid: SignedDistance, fixed: Sequence[Solid], kernels: Kernels | None = None
@@ -96,10 +96,11 @@ class HandModel:
             fixed: Solids in W that do not move, such as the table.
             kernels: Implementation of its kinematics; that of `default_kernels` by default.
         """
-        diagram = self._parse()
+        diagram, hand_kernels = self._parse(), (kernels or default_kernels()).hand()
         return HandScene(
             diagram,
-            self._kinematics(diagram, kernels or default_kernels()),
+            self._kinematics(diagram, hand_kernels),
+            hand_kernels,
             tip_radii=self.tip_radii,
             object_solid=object_solid,
             fixed=fixed,

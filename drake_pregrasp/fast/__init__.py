@@ -14,6 +14,7 @@ passes it to its systems.
 | `compiling` | `quality.force_closure.largest_minimum`, whose own source is compiled |
 | `pose_steps` | `estimation.pose_track.FilterStep` |
 | `forward_kinematics` | `grasping.forward_kinematics.forward_kinematics` |
+| `joint_velocities` | `grasping.clearances.clearances`, and `next_velocities` of `grasping` |
 
 **One description.** A region is an intersection: the weighted Voronoi cell of its contact,
 half-spaces (forbidden points, neighbouring fingertips, the nearest points of obstacles), and

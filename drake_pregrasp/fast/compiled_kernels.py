@@ -1,16 +1,13 @@
 """The compiled implementation, as one object, which is compiled or loaded when it is imported."""
 
-from collections.abc import Callable
-
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.fast.goals import CompiledGoals
-from drake_pregrasp.fast.kernels import Kernels
+from drake_pregrasp.fast.kernels import HandKernels, Kernels
 from drake_pregrasp.fast.labels import CompactCandidates
 from drake_pregrasp.fast.pose_steps import CompiledFilterStep
 from drake_pregrasp.fast.predicates import compiled_limits_at
 from drake_pregrasp.fast.projection import CompiledSurface
-from drake_pregrasp.grasping.forward_kinematics import HandPose, KinematicTree
 from drake_pregrasp.quality.force_closure import LargestMinimum, largest_minimum
 from drake_pregrasp.regions.independent_regions import SlipRadii
 from drake_pregrasp.regions.safe_regions import LabelCandidates
@@ -32,11 +29,12 @@ def _largest_minimum() -> LargestMinimum:
     return solve
 
 
-def _forward_kinematics() -> Callable[[KinematicTree, FloatArray], HandPose]:
-    # Imported only here, because only hands need what it compiles.
+def _hand() -> HandKernels:
+    # Imported only here, because only hands need what they compile.
     from drake_pregrasp.fast.forward_kinematics import compiled_forward_kinematics
+    from drake_pregrasp.fast.joint_velocities import compiled_clearances, compiled_next_velocities
 
-    return compiled_forward_kinematics
+    return HandKernels(compiled_forward_kinematics, compiled_clearances, compiled_next_velocities)
 
 
 COMPILED = Kernels(
@@ -48,6 +46,6 @@ COMPILED = Kernels(
     slip_radii=_slip_radii,
     largest_minimum=_largest_minimum,
     filter_step=CompiledFilterStep,
-    forward_kinematics=_forward_kinematics,
+    hand=_hand,
 )
 """The implementation in numba."""

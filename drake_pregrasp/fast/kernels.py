@@ -8,11 +8,28 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.selection_input import GoalFunction
 from drake_pregrasp.estimation.pose_track import FilterStep
 from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.grasping.clearances import Clearances, clearances
 from drake_pregrasp.grasping.forward_kinematics import HandPose, KinematicTree, forward_kinematics
+from drake_pregrasp.grasping.joint_velocities import next_velocities
 from drake_pregrasp.quality.force_closure import LargestMinimum, largest_minimum
 from drake_pregrasp.regions.constraints import LimitFunction, Predicates
 from drake_pregrasp.regions.independent_regions import SlipRadii, slip_radii_within
 from drake_pregrasp.regions.safe_regions import LabelCandidates, label_candidates
+
+
+@dataclass(frozen=True)
+class HandKernels:
+    """The functions that take most of a control tick, in one implementation.
+
+    Attributes:
+        forward_kinematics: `forward_kinematics`.
+        clearances: `clearances`.
+        next_velocities: `next_velocities`.
+    """
+
+    forward_kinematics: Callable[[KinematicTree, FloatArray], HandPose]
+    clearances: Callable[..., Clearances]
+    next_velocities: Callable[..., tuple[FloatArray, int]]
 
 
 @dataclass(frozen=True)
@@ -31,7 +48,7 @@ class Kernels:
         slip_radii: Function that returns `slip_radii_within` of hard fingers.
         largest_minimum: Function that returns `largest_minimum`.
         filter_step: Function that returns the steps of the pose filter.
-        forward_kinematics: Function that returns `forward_kinematics`.
+        hand: Function that returns those of a hand.
     """
 
     name: str
@@ -42,7 +59,7 @@ class Kernels:
     slip_radii: Callable[[], SlipRadii]
     largest_minimum: Callable[[], LargestMinimum]
     filter_step: Callable[[], FilterStep]
-    forward_kinematics: Callable[[], Callable[[KinematicTree, FloatArray], HandPose]]
+    hand: Callable[[], HandKernels]
 
 
 REFERENCE = Kernels(
@@ -54,6 +71,6 @@ REFERENCE = Kernels(
     slip_radii=lambda: slip_radii_within,
     largest_minimum=lambda: largest_minimum,
     filter_step=FilterStep,
-    forward_kinematics=lambda: forward_kinematics,
+    hand=lambda: HandKernels(forward_kinematics, clearances, next_velocities),
 )
 """The implementation in numpy."""

@@ -20,10 +20,16 @@ FINGER_CLEARANCE = 0.0005
 INFLUENCE = 0.025
 """Distance below which motions are limited, in metres."""
 
-_TIP_LEAD = 0.002  # Least distance by which a fingertip is nearer to the object than its links.
-_RATE = 15.0  # Largest ratio of the speed of approach to the distance that is left, in 1/s.
-_RETREAT = 0.05  # Largest speed at which a clearance that is violated is restored, in m/s.
-FASTEST_APPROACH = _RATE * INFLUENCE
+TIP_LEAD = 0.002
+"""Least distance by which a fingertip is nearer to the object than its links, in metres."""
+
+RATE = 15.0
+"""Largest ratio of the speed of approach to the distance that is left, in 1/s."""
+
+RETREAT = 0.05
+"""Largest speed at which a clearance that is violated is restored, in m/s."""
+
+FASTEST_APPROACH = RATE * INFLUENCE
 """Largest speed at which links can slow down in time, in m/s."""
 
 
@@ -102,7 +108,7 @@ def clearances(
     along = np.concatenate([moments, normals], axis=1)
     rates = (along @ screws) * (links.moves[link] - links.moves[other])
     drift = is_object * (along @ V_W)
-    speeds = np.minimum(_RATE * (least_gaps - gaps), _RETREAT) + drift
+    speeds = np.minimum(RATE * (least_gaps - gaps), RETREAT) + drift
     if not holding.any():
         return Clearances(rates, speeds, finger)
     holds = np.append(holding, False)[finger]  # The base is the last one.
@@ -112,7 +118,7 @@ def clearances(
     behind = is_object & ~is_tip & links.is_last[link] & holds & (touching[finger] >= 0)
     tip = touching[finger[behind]]
     rates[behind] -= rates[tip]
-    leads = _RATE * (_TIP_LEAD - (gaps[behind] - gaps[tip]))
+    leads = RATE * (TIP_LEAD - (gaps[behind] - gaps[tip]))
     speeds[behind] = np.minimum(leads, 0.0) + drift[behind] - drift[tip]
     kept = among_fingers | ~(is_tip & holds)
     return Clearances(rates[kept], speeds[kept], finger[kept])

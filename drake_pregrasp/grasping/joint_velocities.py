@@ -1,15 +1,85 @@
 """Joint velocities that follow goals first and a posture second, within linear constraints."""
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.linalg import pinv
 from scipy.linalg.lapack import dposv, dpotrf, dtrtrs
 from scipy.optimize import nnls
 
 from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.grasping.clearances import Clearances
+from drake_pregrasp.grasping.grasp_state import BASE, NOT_BLOCKED
+
+LIMIT_RATE = 10.0
+"""Largest ratio of a joint's speed to its distance from a limit, in 1/s."""
+
+DAMPING = 1e-3
+"""Singular value of a Jacobian, in metres, below which its direction is given up."""
+
+TOLERANCE = 1e-9
+"""Violation of a constraint that is rounding, in m/s or rad/s."""
 
 _TRACKING_WEIGHT = 1e4  # Weight of goals against posture.
-_DAMPING = 1e-3  # Singular value of a Jacobian, in metres, below which its direction is given up.
-_TOLERANCE = 1e-9  # Violation of a constraint that is rounding, in m/s or rad/s.
+
+
+class JointLimits(NamedTuple):
+    """Limits of the joints of a hand.
+
+    Attributes:
+        lower: Lower limits of their positions, shape (nq,).
+        upper: Upper limits of their positions, shape (nq,).
+        fastest: Largest rates, shape (nq,).
+        change: Largest changes of the rates from tick to tick, shape (nq,).
+    """
+
+    lower: FloatArray
+    upper: FloatArray
+    fastest: FloatArray
+    change: FloatArray
+
+
+def next_velocities(
+    q: FloatArray,
+    v_last: FloatArray,
+    J: FloatArray,
+    V: FloatArray,
+    v_posture: FloatArray,
+    limits: JointLimits,
+    clear: Clearances,
+) -> tuple[FloatArray, int]:
+    """Returns the velocities of the joints until the next tick, and what stops them.
+
+    They follow goals and a posture (`joint_velocities`), within the limits of the joints and
+    clearances. If no velocities do, the joints stop with their largest deceleration.
+
+    Args:
+        q: Positions of the joints, shape (nq,).
+        v_last: Velocities until now, shape (nq,).
+        J: Jacobian of the goals, shape (k, nq).
+        V: Velocities of the goals, shape (k,).
+        v_posture: Velocities toward the posture, shape (nq,).
+        limits: Limits of the joints.
+        clear: Constraints that keep the hand clear.
+
+    Returns:
+        The velocities, shape (nq,); and the index of the finger that stops the hand, `BASE`, or
+        `NOT_BLOCKED`.
+    """
+    lower, upper, fastest, change = limits
+    least = np.minimum(np.maximum(LIMIT_RATE * (lower - q), -fastest), 0.0)
+    most = np.maximum(np.minimum(LIMIT_RATE * (upper - q), fastest), 0.0)
+    slowest = np.maximum(v_last - change, np.minimum(least, v_last + change))
+    most = np.minimum(v_last + change, np.maximum(most, v_last - change))
+    each = np.eye(len(q))
+    A = np.concatenate([each, -each, clear.rows])
+    b = np.concatenate([slowest, -most, clear.least])
+    v = joint_velocities(J, V, v_posture, A, b)
+    if v is not None:
+        return np.minimum(np.maximum(v, slowest), most), NOT_BLOCKED
+    stopped = np.minimum(np.maximum(0.0, v_last - change), v_last + change)
+    lacking = clear.least - clear.rows @ stopped
+    return stopped, int(clear.fingers[np.argmax(lacking)]) if len(lacking) else BASE
 
 
 def joint_velocities(
@@ -34,11 +104,11 @@ def joint_velocities(
     """
     J_plus = _pseudoinverse(J)
     v: FloatArray = v_posture + J_plus @ (V - J @ v_posture)
-    if np.minimum.reduce(A @ v - b) >= -_TOLERANCE:
+    if np.minimum.reduce(A @ v - b) >= -TOLERANCE:
         return v
     # Both errors are zero at this v, so the cost is a norm of its change.
     each = np.eye(len(v))
-    H = _TRACKING_WEIGHT * J.T @ J + (each - J_plus @ J) + _DAMPING**2 * each
+    H = _TRACKING_WEIGHT * J.T @ J + (each - J_plus @ J) + DAMPING**2 * each
     return constrained_velocities(H, v, A, b)
 
 
@@ -73,7 +143,7 @@ def constrained_velocities(
         multipliers, distance = nnls(rows, target)
     except RuntimeError:  # It has not converged.
         return None
-    if distance < _TOLERANCE:  # A positive combination of constraints is a contradiction.
+    if distance < TOLERANCE:  # A positive combination of constraints is a contradiction.
         return None
     residual = rows @ multipliers - target
     change, _ = dtrtrs(L, -scale / residual[-1] * residual[:-1], lower=True, trans=True)
@@ -81,9 +151,9 @@ def constrained_velocities(
 
 
 def _pseudoinverse(J: FloatArray) -> FloatArray:
-    """Returns J⁺, in which directions of singular values up to `_DAMPING` are given up."""
+    """Returns J⁺, in which directions of singular values up to `DAMPING` are given up."""
     _, inverse, failure = dposv(J @ J.T, np.eye(len(J)))  # Takes half as long as numpy's.
     # The norm of the inverse is at least the largest 1/s².
-    if not failure and np.vdot(inverse, inverse) < _DAMPING**-4:
+    if not failure and np.vdot(inverse, inverse) < DAMPING**-4:
         return np.asarray(J.T @ inverse)
-    return np.asarray(pinv(J, atol=_DAMPING, rtol=0))
+    return np.asarray(pinv(J, atol=DAMPING, rtol=0))

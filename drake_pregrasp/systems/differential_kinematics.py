@@ -12,9 +12,9 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.clearances import FASTEST_APPROACH
 from drake_pregrasp.grasping.fingertip_paths import Pace
 from drake_pregrasp.grasping.forward_kinematics import HandPose
-from drake_pregrasp.grasping.grasp_state import BASE, NO_LIMIT, NOT_BLOCKED
+from drake_pregrasp.grasping.grasp_state import NO_LIMIT, NOT_BLOCKED
 from drake_pregrasp.grasping.hand_commands import GraspCommand, HandGoals
-from drake_pregrasp.grasping.joint_velocities import joint_velocities
+from drake_pregrasp.grasping.joint_velocities import JointLimits
 from drake_pregrasp.regions.obstacles import ANYWHERE
 from drake_pregrasp.systems import ports
 from drake_pregrasp.systems.hand_kinematics import moving_joints, point_jacobian, scoped_frame
@@ -24,7 +24,6 @@ from drake_pregrasp.systems.palm_frames import pose_error
 GAIN = 5.0
 """Ratio of the velocity of palm and posture to their distance from their goals, in 1/s."""
 
-_LIMIT_RATE = 10.0  # Largest ratio of a joint's speed to its distance from a limit, in 1/s.
 _USED = 0.75  # Share of the limit of acceleration that is commanded: drives and clearances add.
 _IN_W = np.eye(3), np.zeros(3)  # Rotation and position of W in itself.
 
@@ -128,9 +127,8 @@ class DifferentialKinematics(LeafSystem):
         self._home, self._yaw_range = home, yaw_range
         self._period, self._step = period, plant_time_step
         self._pace = Pace(FASTEST_APPROACH, _USED * acceleration, period)
-        self._change = hand.acceleration_limit * period
-        # Velocities themselves are constrained first, from below and from above.
-        self._each = np.concatenate([np.eye(nq), -np.eye(nq)])
+        change = hand.acceleration_limit * period
+        self._limits = JointLimits(hand.lower, hand.upper, hand.rate_limit, change)
         self._palm = scoped_frame(hand.plant, base.palm_frame) if base.palm_frame else None
         if self._palm is not None:
             self._carrying = moving_joints(hand.plant, self._palm)
@@ -160,7 +158,7 @@ class DifferentialKinematics(LeafSystem):
 
     def _moved(self, context: Context) -> tuple[float, FloatArray, FloatArray, FloatArray]:
         """Returns the time since the last tick, the present q and v, and the v before that tick."""
-        stored = context.get_discrete_state(self._reference).value()
+        stored: FloatArray = context.get_discrete_state(self._reference).value().copy()
         elapsed = context.get_time() - stored[0]
         q, v, v_last = stored[1:].reshape(3, -1)
         moved = np.maximum(self._hand.lower, q + elapsed * v)
@@ -218,20 +216,7 @@ class DifferentialKinematics(LeafSystem):
             J, V = np.concatenate([J, J_WP]), np.concatenate([V, V_WP])
         v_posture = GAIN * (self._base.posture(self._home, p_WL, yaw) - q)
         clear = self._scene.clearances(placed, pose, command)
-        # Joints respect their limits of position, speed and acceleration.
-        hand, fastest = self._hand, self._hand.rate_limit
-        least = np.minimum(np.maximum(_LIMIT_RATE * (hand.lower - q), -fastest), 0.0)
-        most = np.maximum(np.minimum(_LIMIT_RATE * (hand.upper - q), fastest), 0.0)
-        slowest = np.maximum(v_last - self._change, np.minimum(least, v_last + self._change))
-        most = np.minimum(v_last + self._change, np.maximum(most, v_last - self._change))
-        A = np.concatenate([self._each, clear.rows])
-        b = np.concatenate([slowest, -most, clear.least])
-        v = joint_velocities(J, V, v_posture, A, b)
-        if v is not None:
-            return np.minimum(np.maximum(v, slowest), most), NOT_BLOCKED
-        stopped = np.minimum(np.maximum(0.0, v_last - self._change), v_last + self._change)
-        lacking = clear.least - clear.rows @ stopped
-        return stopped, int(clear.fingers[np.argmax(lacking)]) if len(lacking) else BASE
+        return self._scene.kernels.next_velocities(q, v_last, J, V, v_posture, self._limits, clear)
 
     def _calc_pose(self, context: Context) -> HandPose:
         stored = context.get_discrete_state(self._reference).value()

@@ -213,9 +213,9 @@ class GraspSequencer(LeafSystem):
 
     def _calc_held(self, context: Context) -> HeldMotion:
         """Returns the motion of G by the fingertips alone."""
-        state, last, p_GT, *_, stands, _ = self._memory.Eval(context)
-        time = context.get_time()
-        if not stands:
+        memory: _Memory = self._memory.Eval(context)
+        state, last, p_GT, time = memory.state, memory.last, memory.p_GT, context.get_time()
+        if not memory.stands:
             return last.stopping(time, self._settings.stop_duration)
         if state.phase == GraspPhase.BACK_OFF:
             return last.without_acceleration().at(time)

@@ -29,11 +29,12 @@ from pydrake.planning import RobotDiagram
 from pydrake.systems.framework import Context
 
 from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.fast.kernels import HandKernels
 from drake_pregrasp.geometry.mesh_solid import MeshSolid
 from drake_pregrasp.geometry.rotations import skew
 from drake_pregrasp.geometry.sampling import split_triangles
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
-from drake_pregrasp.grasping.clearances import INFLUENCE, Clearances, Links, NearPairs, clearances
+from drake_pregrasp.grasping.clearances import INFLUENCE, Clearances, Links, NearPairs
 from drake_pregrasp.grasping.forward_kinematics import HandPose
 from drake_pregrasp.grasping.grasp_state import BASE
 from drake_pregrasp.grasping.hand_commands import GraspCommand
@@ -92,11 +93,13 @@ class HandScene:
 
     Fingers are kept clear of each other, but not of the base, nor a finger of itself.
 
-    The attribute `diagram` holds the plant and its SceneGraph, and `hand` the hand's kinematics.
+    The attribute `diagram` holds the plant and its SceneGraph, `hand` the hand's kinematics, and
+    `kernels` the implementation.
 
     Args:
         diagram: Plant with only the hand, and its SceneGraph; no Context of it exists.
         hand: Kinematics of the hand in this plant.
+        kernels: Implementation of `clearances` and `next_velocities`.
         tip_radii: Radii of the fingertips, shape (n,), in metres.
         object_solid: The object in O.
         fixed: Solids in W that do not move, such as the table.
@@ -106,12 +109,13 @@ class HandScene:
         self,
         diagram: RobotDiagram,
         hand: HandKinematics,
+        kernels: HandKernels,
         *,
         tip_radii: FloatArray,
         object_solid: SignedDistance,
         fixed: Sequence[Solid],
     ) -> None:
-        self.diagram, self.hand = diagram, hand
+        self.diagram, self.hand, self.kernels = diagram, hand, kernels
         self._graph = diagram.mutable_scene_graph()
         self._query = self._graph.get_query_output_port()
         self._source = self._graph.RegisterSource("scene")
@@ -222,7 +226,7 @@ class HandScene:
             gaps[rows], p_WC[rows], normals[rows] = self._nearest(solid, link[rows], pose)
         V_W = np.concatenate([w_WO, v_WO + skew(p_WO) @ w_WO])  # At the origin of W.
         near = NearPairs(link, other, gaps, p_WC, normals)
-        return clearances(self._links, near, pose.screws, V_W, holding)
+        return self.kernels.clearances(self._links, near, pose.screws, V_W, holding)
 
     def _nearest(
         self, solid: SignedDistance, link: IntArray, pose: HandPose
