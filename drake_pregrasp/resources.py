@@ -1,6 +1,7 @@
 """Paths of the package's and of users' files, and bounded reading."""
 
 import dataclasses
+import os
 from collections.abc import Sequence
 from importlib.machinery import PathFinder
 from pathlib import Path
@@ -59,6 +60,14 @@ def python_package(name: str) -> Path | None:
     return Path(spec.origin).parent if spec and spec.origin else None
 
 
+def real_path(path: Path) -> Path:
+    """Returns an absolute path without symbolic links, but for those that are a loop.
+
+    `Path.resolve` raises an error for a loop in Python 3.11. No file can be opened there anyway.
+    """
+    return Path(os.path.realpath(path))
+
+
 def check_inside(path: Path, folders: Sequence[Path]) -> None:
     """Raises an error unless a file is in one of some folders, at any depth.
 
@@ -69,10 +78,10 @@ def check_inside(path: Path, folders: Sequence[Path]) -> None:
     Raises:
         InvalidArgumentError: If the file is elsewhere; the message names the option to allow it.
     """
-    there = path.resolve()
-    if any(there.is_relative_to(folder.resolve()) for folder in folders):
+    there = real_path(path)
+    if any(there.is_relative_to(real_path(folder)) for folder in folders):
         return
-    names = ", ".join(dict.fromkeys(str(folder.resolve()) for folder in folders))
+    names = ", ".join(dict.fromkeys(str(real_path(folder)) for folder in folders))
     raise InvalidArgumentError(
         f"{there} is outside of {names}; if you trust it, add --allow {there.parent}"
         " (in Python: folders)"

@@ -79,6 +79,15 @@ def test_smooth_writes_a_stream_and_says_so(tmp_path, capsys):
     assert "/dev/null/x: cannot be written" in capsys.readouterr().err
 
 
+def test_a_working_directory_that_is_deleted_is_named(tmp_path, monkeypatch, capsys):
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    assert main(["run", "a_base", *SHORT]) == 2
+    said = "drake-pregrasp: the working directory cannot be used: No such file or directory\n"
+    assert capsys.readouterr().err == said
+
+
 COMMAND = [sys.executable, "-m", "drake_pregrasp", "run", "a_base", "--no-recording", "--out"]
 
 

@@ -55,6 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         if not has_stdout and options.command is _list:
             raise OutputError("standard output: cannot be written: it is closed")
+        _check_working_directory()
         status: int = options.command(options)
         sys.stdout.flush()
     except KeyboardInterrupt:
@@ -85,6 +86,13 @@ def _open_standard_streams() -> bool:
     sys.stdout = sys.stdout or open(os.devnull, "w")  # noqa: SIM115
     sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115
     return has_stdout
+
+
+def _check_working_directory() -> None:
+    try:
+        Path.cwd()
+    except OSError as error:
+        raise OutputError(f"the working directory cannot be used: {error.strerror}") from error
 
 
 def _discard_output() -> None:

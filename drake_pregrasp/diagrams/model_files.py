@@ -7,6 +7,7 @@ a copy only: an XML tree of elements and attributes on a list, and meshes that a
 import atexit
 import functools
 import logging
+import math
 import os
 import shutil
 import tempfile
@@ -26,6 +27,7 @@ from drake_pregrasp.resources import (
     check_inside,
     python_package,
     read_bounded_text,
+    real_path,
     resource_folder,
 )
 from drake_pregrasp.robots.robot_meshes import write_obj
@@ -148,7 +150,8 @@ def find_packages(model: Path) -> dict[str, Path]:
     found = {name: Path(others.GetPath(name)) for name in others.GetPackageNames()}
     for folder in reversed(model.parents):
         file = folder / "package.xml"
-        if file.is_file():
+        # A link could lead to any file.
+        if file.is_file() and not file.is_symlink():
             found[(_parse(file).findtext("name") or "").strip()] = folder
     return {**found, "drake_pregrasp": resource_folder("models")}
 
@@ -234,7 +237,7 @@ class _Copier:
             if child.tag != "include":
                 self._include(child)
                 continue
-            path = self._located(child.get("file", "")).resolve()
+            path = real_path(self._located(child.get("file", "")))
             check_inside(path, self._allowed)
             if path in self._files or len(self._files) > MAX_INCLUDES:
                 raise self._error(f"includes {path} twice, or more than {MAX_INCLUDES} files")
@@ -252,6 +255,10 @@ class _Copier:
             if _plain(name) in _ATTRIBUTES:
                 copied.set(_plain(name), self._value(copied, value))
         copied.text = self._value(copied, element.text or "")
+        if copied.tag == "mass" or "mass" in copied.attrib:
+            text = copied.get("mass") or copied.get("value") or copied.text
+            if not all(0 <= mass < math.inf for mass in _numbers(Element("mass", value=text))):
+                raise self._error(f"has a mass of {text}; it must be finite and at least 0")
         for child in element:
             tag = _plain(child.tag)
             if tag in _REFUSED:
@@ -283,7 +290,7 @@ class _Copier:
         name = self._value(copied, name)
         if not name:  # As among the defaults of MJCF.
             return
-        path = self._located(name).resolve()
+        path = real_path(self._located(name))
         if path not in self._meshes:
             self._meshes[path] = self._write_mesh(name, path)
         written = self._meshes[path]

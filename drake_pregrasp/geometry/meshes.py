@@ -46,6 +46,7 @@ MAX_WORDS = 4_000_000
 MAX_VALUES = 500_000
 """Largest number of values in the JSON of a glTF file."""
 
+_MAX_PLACEMENT = 1e9  # Of the placement of a node, far more than any mesh needs.
 _MAX_NUMBERS = 20_000_000  # Numbers in a glTF file's arrays, which may claim any count.
 
 _OPTIONS: Mapping[str, Mapping[str, Any]] = {
@@ -286,6 +287,12 @@ def _plain_gltf(kind: str, data: bytes) -> tuple[bytes, list[str]]:
         raise InvalidArgumentError("its arrays claim too many elements, or fewer than none")
     nodes = tree.get("nodes", [])
     _check_count(len(nodes), "nodes", MAX_PIECES)
+    for node in nodes:
+        for key in ("matrix", "translation", "rotation", "scale"):
+            if not all(abs(float(number)) <= _MAX_PLACEMENT for number in node.get(key, ())):
+                raise InvalidArgumentError(
+                    f"a node has a {key} with numbers over {_MAX_PLACEMENT:g}"
+                )
     children = [child for node in nodes for child in node.get("children", [])]
     if len(set(children)) != len(children):
         raise InvalidArgumentError("a node is the child of two; nodes must be a tree")

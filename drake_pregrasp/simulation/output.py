@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from drake_pregrasp.errors import OutputError
+from drake_pregrasp.resources import real_path
 
 INTERRUPTED_STATUS = 130
 """Exit status of an interrupted command."""
@@ -163,6 +164,6 @@ def write_named_text(path: Path, text: str) -> None:
     """
     with writing(path):
         if path.is_file() or not path.exists():
-            write_text(path.resolve(), text)
+            write_text(real_path(path), text)
         else:
             path.write_text(text, encoding="utf-8", newline="\n")

@@ -86,6 +86,8 @@ def test_colors_of_a_material_library_are_whole_or_refused(tmp_path, material, c
         ("a.off", b"OFF\n" + b"0 " * 4_000_000, "has 4000001 words"),
         ("a.ply", b"ply\nformat ascii 1.0\n" + b"\t" * 4_000_000, "at most 4000000, simplify"),
         ("a.stl", b"solid a\nendsolid\n" * 1001, "it has 1001 solids; at most 1000"),
+        ("a.gltf", b'{"nodes": [{"matrix": [1e308]}]}', "a node has a matrix with numbers over"),
+        ("a.gltf", b'{"nodes": [{"scale": [1, NaN]}]}', "a node has a scale with numbers over"),
         ("a.gltf", b'{"nodes": [' + b"{}," * 300_000, "values; at most 500000"),
     ],
 )

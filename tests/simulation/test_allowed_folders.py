@@ -4,10 +4,11 @@ import re
 
 import pytest
 from conftest import read_log
-from hand_files import write_hand
+from hand_files import MODEL, write_hand
 
 from drake_pregrasp import ScenarioError, load_hand, load_scenario
 from drake_pregrasp.cli import main
+from drake_pregrasp.diagrams.model_files import find_packages
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.resources import resolve_path
 
@@ -110,3 +111,54 @@ def test_a_models_files_are_near_it(tmp_path, model, problem):
     with pytest.raises(ScenarioError, match=f"case.hand.file: .*{problem}"):
         load_scenario(file=scenario)
     assert load_hand(hand).model == str(folder / "own.sdf")
+
+
+LOOPED = {
+    "own.urdf": """<robot name="h"><link name="a"><visual><geometry>
+        <mesh filename="loop/x.obj"/></geometry></visual></link></robot>""",
+    "own.xml": """<mujoco model="h"><compiler meshdir="loop"/><asset><mesh file="x.obj"/></asset>
+        <worldbody><body name="a"><geom type="mesh" mesh="x"/></body></worldbody></mujoco>""",
+    "include.xml": """<mujoco model="h"><include file="loop/x.xml"/><worldbody/></mujoco>""",
+    "loop/own.sdf": "",
+}
+
+
+@pytest.mark.parametrize("name", LOOPED)
+def test_a_loop_of_links_is_refused_in_one_line(tmp_path, name):
+    (tmp_path / "loop").symlink_to("pool")
+    (tmp_path / "pool").symlink_to("loop")
+    hand = write_hand(tmp_path, "package://drake_pregrasp/five_finger_hand.sdf", name)
+    if LOOPED[name]:
+        (tmp_path / name).write_text(LOOPED[name])
+    with pytest.raises(ScenarioError, match=r"(?i)symbolic links|symlink loop|no such file"):
+        load_hand(hand, folders=[])
+
+
+def test_a_package_that_is_a_link_is_not_opened(tmp_path):
+    (tmp_path / "secret.xml").write_text("<package><name>secret</name></package>")
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "package.xml").symlink_to(tmp_path / "secret.xml")
+    assert "secret" not in find_packages(tmp_path / "own" / "hand.sdf")
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("own.sdf", MODEL.replace("<mass>3.0<", "<mass>-5<", 1)),
+        ("own.sdf", MODEL.replace("<mass>3.0<", "<mass>nan<", 1)),
+        (
+            "own.urdf",
+            '<robot name="h"><link name="a"><inertial><mass value="-5"/></inertial></link></robot>',
+        ),
+        (
+            "own.xml",
+            '<mujoco><worldbody><body><geom size="1" mass="-5"/></body></worldbody></mujoco>',
+        ),
+    ],
+)
+def test_a_mass_is_not_negative(tmp_path, name, text):
+    assert text != MODEL
+    hand = write_hand(tmp_path, "package://drake_pregrasp/five_finger_hand.sdf", name)
+    (tmp_path / name).write_text(text)
+    with pytest.raises(ScenarioError, match=r"has a mass of (-5|nan); it must be finite"):
+        load_hand(hand, folders=[])

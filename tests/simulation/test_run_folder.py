@@ -216,6 +216,10 @@ def test_a_device_that_the_user_names_is_written_and_a_link_followed(tmp_path):
     (tmp_path / "link").symlink_to(tmp_path / "file")
     write_named_text(tmp_path / "link", "text")
     assert (tmp_path / "file").read_text() == "text"
+    (tmp_path / "loop").symlink_to("loop")
+    with pytest.raises(OutputError, match="file: cannot be written: Too many levels"):
+        write_named_text(tmp_path / "loop" / "file", "text")
+    (tmp_path / "loop").unlink()
     write_text(tmp_path / "link", "other")
     assert contents(tmp_path) == {"file": b"text", "link": b"other"}
 
