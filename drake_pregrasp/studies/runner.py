@@ -189,7 +189,10 @@ class _Journal(dict[str, dict[str, Any]]):
                 self._path.with_name(FAILED).unlink(missing_ok=True)
 
     def _sorted(self) -> list[dict[str, Any]]:
-        return sorted(self.values(), key=lambda record: tuple(record["job"].values()))
+        """Returns the records in the order of their jobs; a column may have numbers and texts."""
+        return sorted(
+            self.values(), key=lambda r: [(isinstance(v, str), v) for v in r["job"].values()]
+        )
 
 
 @contextlib.contextmanager

@@ -29,9 +29,9 @@ from drake_pregrasp.studies.bench.tick_times import (
     implementations,
     time_ticks,
 )
+from drake_pregrasp.studies.command_options import add_report_command
 from drake_pregrasp.studies.report_page import Heading, Part, Table, write_report
 from drake_pregrasp.studies.runner import OnProgress
-from drake_pregrasp.studies.study_options import add_report_command
 
 STRATEGIES = {
     **{name: replace(PLAIN, strategy=name) for name in ("position", "msv", "gii", "vew", "margin")},

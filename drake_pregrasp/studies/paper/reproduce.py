@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.simulation.output import make_folder, write_text, writing
 from drake_pregrasp.simulation.scenario_file import load_resolved
+from drake_pregrasp.studies.command_options import add_report_command, names
 from drake_pregrasp.studies.paper import paper_cases
 from drake_pregrasp.studies.paper.claims import STRATEGY_CASES, discretisation_costs, judge_claims
 from drake_pregrasp.studies.paper.paper_cases import LITERAL, SCENARIOS, TABLE_2, TABLE_3, CaseLog
@@ -25,7 +26,6 @@ from drake_pregrasp.studies.report_page import (
     write_report,
 )
 from drake_pregrasp.studies.runner import OnProgress
-from drake_pregrasp.studies.study_options import add_report_command, names
 from drake_pregrasp.systems.run_timeline import MEASURES
 
 SEEDS = tuple(range(10))

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -12,9 +11,7 @@ from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState, describe_give_up
-from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.studies.static_versus_dynamic.conditions import area_at
-from drake_pregrasp.studies.static_versus_dynamic.failure_cause import failure_cause, tilt_deg
+from drake_pregrasp.studies.failure_cause import failure_cause, tilt_deg
 from drake_pregrasp.systems.loggers import GraspRecord
 
 LIFTED_ABOVE_MM = 80.0
@@ -33,6 +30,12 @@ CLEAN_BELOW = {
     "slip_mm": 5.0,
 }
 
+HELD_IN_WORDS = (
+    f"An object is held if it was lifted by more than {LIFTED_ABOVE_MM:g} mm and is still there"
+    " after a second. Refused objects were not simulated, and count as not held."
+)
+"""Definition of a held object for the report."""
+
 # Definition of a clean grasp for the report.
 CLEAN_IN_WORDS = (
     f"A grasp is clean if the object is lifted by more than {LIFTED_ABOVE_MM:g} mm and tilted by"
@@ -43,58 +46,19 @@ CLEAN_IN_WORDS = (
     f" ever touched anything with {TOUCHING_N:g} N or more."
 )
 
-_AREA_FROM = 1.0  # Time from which fingertips must avoid obstacles, in seconds.
-
-
-class TrialJob(NamedTuple):
-    """One trial: a method under a condition with a seed.
-
-    Attributes:
-        condition: Key of `CONDITIONS`.
-        method: Key of `METHODS`.
-        seed: Seed of all random values of the trial.
-    """
-
-    condition: str
-    method: str
-    seed: int
-
-    def __str__(self) -> str:
-        return f"{self.condition}, {self.method}, seed {self.seed}"
-
-
-class GoalSample(NamedTuple):
-    """Goals at one tick of the planner.
-
-    Attributes:
-        status: `ContactStatus` of each finger.
-        distance: Least distance from an obstacle, in metres, over all active goals of a
-            fingertip in contact or at its standoff; infinite if there is no goal or no obstacle.
-    """
-
-    status: tuple[int, ...]
-    distance: float
-
-    @property
-    def active(self) -> int:
-        """Number of active fingers."""
-        return sum(status > 0 for status in self.status)
-
-    @property
-    def withdrawn(self) -> int:
-        """Number of fingers that are neither active nor lost."""
-        return sum(status <= 0 and status != ContactStatus.LOST for status in self.status)
+Status = tuple[int, ...]
+"""`ContactStatus` of each finger at one tick of the planner."""
 
 
 @dataclass(frozen=True)
 class Outcome:
     """Measures of one grasp of a trial, from the first tick to the end of the hold.
 
-    They are columns of the study's rows, after those of the `TrialJob` and with `clean`.
+    They are columns of the study's rows.
 
     Attributes:
         close_at: Time at which the hand was commanded to close, in seconds.
-        lifted: Whether the object was lifted, and was still raised at the end of the hold.
+        held: Whether the object was lifted, and was still raised at the end of the hold.
         level: Whether the object was level at the end of the hold.
         pushed_before_mm: Distance by which the hand moved the object before the command to close,
             in millimetres.
@@ -108,15 +72,11 @@ class Outcome:
         waited_s: Time for which the gate delayed the command to close, in seconds.
         withdrawn: Number of fingers that were not lost but had no goal, because it was out of reach
             or too near to an obstacle; mean over the planner's ticks before closing.
-        goal_in_area: Share of the planner's ticks before closing at which an active goal, for a
-            fingertip in contact or at its standoff, was in an obstacle; nan if there is none.
         link_on_object_n: Largest force between the object and a link that is no fingertip, in
             newtons.
         link_on_surroundings_n: Largest force between such a link and the table or a wall, in
             newtons.
         link_on_hand_n: Largest force between such a link and another finger, in newtons.
-        tip_in_area: Share of the control ticks from 1 s until the lift at which a fingertip was in
-            an obstacle; nan if there is none.
         gave_up: Reason why the hand gave up; empty if it did not.
         pushed_before_squeeze_mm: Distance by which the hand moved the object before the squeeze, in
             millimetres; up to the end of a grasp without a squeeze.
@@ -124,7 +84,7 @@ class Outcome:
     """
 
     close_at: float
-    lifted: bool
+    held: bool
     level: bool
     pushed_before_mm: float
     turned_before_deg: float
@@ -134,11 +94,9 @@ class Outcome:
     fingers: int
     waited_s: float
     withdrawn: float
-    goal_in_area: float
     link_on_object_n: float
     link_on_surroundings_n: float
     link_on_hand_n: float
-    tip_in_area: float
     gave_up: str
     pushed_before_squeeze_mm: float
     cause: str
@@ -147,26 +105,22 @@ class Outcome:
     def clean(self) -> bool:
         """Whether the grasp is clean by `CLEAN_IN_WORDS`; nan violates every bound."""
         within = all(getattr(self, name) < bound for name, bound in CLEAN_BELOW.items())
-        return self.lifted and self.level and within
+        return self.held and self.level and within
 
 
 def grasp_outcome(
-    scenario: Scenario,
     close_at: float,
     records: Sequence[GraspRecord],
-    samples: Sequence[GoalSample],
+    statuses: Sequence[Status],
     state: GraspState,
-    tip_radii: FloatArray,
 ) -> Outcome:
     """Computes the outcome of a grasp.
 
     Args:
-        scenario: Scenario of the trial.
         close_at: Time at which the hand was commanded to close, in seconds.
         records: Records of all control ticks until the end of the grasp.
-        samples: Goals at the planner's ticks of the tracking run.
+        statuses: Status of the fingers at the planner's ticks of the tracking run.
         state: State of the grasp at its end.
-        tip_radii: Radii of the fingertips, shape (n,), in metres.
     """
     told = [r.time >= close_at - 1e-9 for r in records].index(True)
     phases = np.array([r.report[0] for r in records])
@@ -177,18 +131,12 @@ def grasp_outcome(
     before_squeeze = end if squeezing is None else records[squeezing]
     on_table = end if lifting is None else records[lifting]
     raised = 1e3 * (end.X_WO.translation()[2] - on_table.X_WO.translation()[2])
-    lifted = bool(phases[-1] == GraspPhase.HOLD and raised > LIFTED_ABOVE_MM)
+    held = bool(phases[-1] == GraspPhase.HOLD and raised > LIFTED_ABOVE_MM)
     tilt = tilt_deg(end)
     on_object, on_surroundings, on_hand = np.max([r.link_forces for r in records], axis=0).tolist()
-    has_area = bool(scenario.obstacles)
-    tip_in_area = [
-        any(np.any(solid.distance(r.p_WT) < tip_radii) for solid in area_at(scenario, r.time))
-        for r in records[: -1 if lifting is None else lifting]
-        if has_area and r.time >= _AREA_FROM
-    ]
     return Outcome(
         close_at=close_at,
-        lifted=lifted,
+        held=held,
         level=bool(tilt < LEVEL_BELOW_DEG),
         pushed_before_mm=_moved_mm(first, records[told]),
         turned_before_deg=_turned_deg(first, records[told]),
@@ -197,17 +145,15 @@ def grasp_outcome(
         tilt_deg=tilt,
         fingers=int(np.sum(state.active)),
         waited_s=float((end if closing is None else records[closing]).time - close_at),
-        withdrawn=_mean([sample.withdrawn for sample in samples]),
-        goal_in_area=_mean([sample.distance < 0 for sample in samples if has_area]),
+        withdrawn=_mean(
+            [sum(s <= 0 and s != ContactStatus.LOST for s in each) for each in statuses]
+        ),
         link_on_object_n=on_object,
         link_on_surroundings_n=on_surroundings,
         link_on_hand_n=on_hand,
-        tip_in_area=_mean(tip_in_area),
         gave_up=describe_give_up(state.reason, state.detail) or "",
         pushed_before_squeeze_mm=_moved_mm(first, before_squeeze),
-        cause=""
-        if lifted
-        else failure_cause(records, [sample.status for sample in samples[-1:]], state),
+        cause="" if held else failure_cause(records, statuses[-1:], state),
     )
 
 

@@ -7,13 +7,19 @@ Grasping via Task-Space Velocity Fields and Joint-Space Quadratic Programming", 
 """
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import (
+    BasicVector,
+    BusValue,
+    Context,
+    DiscreteValues,
+    LeafSystem,
+)
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
@@ -21,8 +27,7 @@ from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.geometry.solids import SignedDistance
 from drake_pregrasp.regions.constraints import Limit, RegionConstraints
-from drake_pregrasp.studies.static_versus_dynamic.methods import declare_goals, rays_at
-from drake_pregrasp.systems.ports import OBSTACLES, POSE
+from drake_pregrasp.systems.ports import BUS, OBSTACLES, POSE, declare_output, pose_bus
 
 _RING_RADIUS = 0.092  # Least radius on which a stationary hand's fingertips wait, in metres.
 SWITCH_MARGIN = 0.03  # Cost by which another grasp must be better, in metres.
@@ -35,6 +40,39 @@ _CONE = float(np.arctan(GraspConfig.planned_friction))  # Largest angle of force
 _WORSE = float(np.radians(10))  # Angle by which kept grasps are less opposed than the best one.
 _STEPS, _ON_SURFACE = 100, 1e-10  # Largest number of steps along a ray; distance at its end.
 _NONE = -1.0  # State without a grasp.
+
+
+def rays_at(azimuths: FloatArray) -> FloatArray:
+    """Returns the horizontal unit vectors at azimuths in radians, shape (n, 3)."""
+    return np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros(len(azimuths))], axis=1)
+
+
+def declare_goals(
+    system: LeafSystem,
+    tip_frames: Sequence[str],
+    targets: Callable[[Context], Mapping[int, RigidTransform]],
+    status: Callable[[Context], FloatArray],
+) -> None:
+    """Declares the output ports of the hand's goals.
+
+    Args:
+        system: System with an input port `contact_weights`, which marks lost fingers.
+        tip_frames: Scoped names of the fingertips' frames.
+        targets: Function that returns the targets X_WC by the fingers' indices.
+        status: Function that returns the contact status of each finger, shape (n,), without regard
+            to lost fingers.
+    """
+
+    def calc_targets(context: Context) -> BusValue:
+        return pose_bus({tip_frames[f]: X_WC for f, X_WC in targets(context).items()})
+
+    def calc_status(context: Context) -> FloatArray:
+        lost = np.isneginf(system.GetInputPort("contact_weights").Eval(context))
+        return np.where(lost, float(ContactStatus.LOST), status(context))
+
+    everything = system.all_sources_ticket()
+    declare_output(system, "fingertip_targets", BUS, calc_targets, everything)
+    declare_output(system, "contact_status", len(tip_frames), calc_status, everything)
 
 
 class RayTarget(NamedTuple):

@@ -32,15 +32,6 @@ def add_processes_option(parser: argparse.ArgumentParser, noun: str = "runs") ->
     parser.add_argument("--processes", type=whole_number(1), metavar="N", help=text)
 
 
-def add_scheduler_option(parser: argparse.ArgumentParser, noun: str = "runs") -> None:
-    """Adds `--scheduler`."""
-    parser.add_argument(
-        "--scheduler",
-        metavar="ADDRESS",
-        help=f"make the {noun} on the Dask cluster of this scheduler, such as tcp://host:8786",
-    )
-
-
 def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
     """Returns the type of an option that is a whole number in a range."""
 
@@ -86,7 +77,7 @@ def add_report_command(
 
 
 def make_rows_and_report(
-    make: Callable[[OnProgress], tuple[StudyRows, Path]], *, folder: Path, noun: str = "run"
+    make: Callable[[OnProgress], tuple[StudyRows, Path]], *, folder: Path
 ) -> int:
     """Makes a study of many runs, prints the outcome, and returns the exit status.
 
@@ -94,21 +85,20 @@ def make_rows_and_report(
         make: Function that makes the rows and the report, and returns the rows and the report's
             path.
         folder: Folder of the rows.
-        noun: Singular noun for one run in the messages.
     """
     try:
         # SIGTERM interrupts, like SIGINT.
-        with handling(signal.default_int_handler, signal.SIGTERM), step_bar(noun) as on_progress:
+        with handling(signal.default_int_handler, signal.SIGTERM), step_bar("run") as on_progress:
             found, report = make(on_progress)
     except KeyboardInterrupt:
-        problem = f"interrupted: the {noun}s so far are in {folder / ROWS}"
+        problem = f"interrupted: the runs so far are in {folder / ROWS}"
         print(f"drake-pregrasp: {problem}; the same command resumes the study", file=sys.stderr)
         return INTERRUPTED_STATUS
-    print(f"{found.made} of {found.wanted} {noun}s are complete")
+    print(f"{found.made} of {found.wanted} runs are complete")
     print(f"report in {report}")
     if number := len(found.failed):
         print(
-            f"drake-pregrasp: {number} {noun}{'s' * (number > 1)} failed:"
+            f"drake-pregrasp: {number} run{'s' * (number > 1)} failed:"
             f" see {folder / FAILED}; the same command tries again",
             file=sys.stderr,
         )

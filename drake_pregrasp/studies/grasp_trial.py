@@ -1,0 +1,133 @@
+"""One simulated trial: the diagram of a run with the goals of a method, and its grasps."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.framework import Context, DiagramBuilder, System
+
+from drake_pregrasp.diagrams.grasping_hand import GoalInputs
+from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState, state_unpacker
+from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
+from drake_pregrasp.simulation.simulation_diagram import make_diagram
+from drake_pregrasp.studies.baseline_goals import StationaryHand
+from drake_pregrasp.studies.goal_sources import RegisteredSource
+from drake_pregrasp.studies.grasp_outcome import Outcome, Status, grasp_outcome
+from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
+
+_CLOSE_DELAY = 3  # Control ticks between a stationary hand's jump to the object and the closing.
+_HOLD = 1.0  # Seconds of holding before the outcome is measured.
+_LONGEST_GRASP = 8.0  # Seconds after the command until a grasp counts as failed.
+
+
+class GraspTrial:
+    """A trial whose simulation can be advanced step by step.
+
+    Its diagram is that of a run, but for the source of the hand's goals.
+
+    Args:
+        resolved: Scenario with a hand.
+        source: Source of the hand's goals; None for the planner.
+
+    Attributes:
+        resolved: The scenario.
+        hand: Model of the hand.
+        diagram: Simulated diagram.
+        goals: System that emits the hand's `fingertip_targets` and `contact_status`.
+        context: Context of the diagram.
+        ticks: Records of all planning ticks so far.
+        records: Records of all control ticks so far.
+        statuses: Status of the fingers at the planner's ticks of the tracking run so far.
+    """
+
+    def __init__(self, resolved: ResolvedScenario, source: RegisteredSource | None = None) -> None:
+        assert resolved.hand is not None
+        if source is not None:  # It chooses contacts for all fingers.
+            everywhere = np.ones(resolved.num_contacts, dtype=bool)
+            resolved = replace(resolved, start=replace(resolved.start, has_contact=everywhere))
+        self.resolved, self.hand = resolved, resolved.hand
+        self._period = resolved.planner.period
+        self.ticks: list[TickRecord] = []
+        self.records: list[GraspRecord] = []
+        self.statuses: list[Status] = []
+        added: list[System] = []
+
+        def goals(builder: DiagramBuilder, inputs: GoalInputs) -> System:
+            assert source is not None
+            added.append(source(resolved, builder, inputs))
+            return added[0]
+
+        self.diagram = make_diagram(
+            resolved,
+            sink=self.ticks.append,
+            grasp_sink=self.records.append,
+            goals=None if source is None else goals,
+        )
+        self.goals = added[0] if added else self.diagram.GetSubsystemByName("pregrasp_planner")
+        self._simulator = Simulator(self.diagram)
+        ApplySimulatorConfig(resolved.scenario.simulator_config, self._simulator)
+        self.context = self._simulator.get_mutable_context()
+        self.command(self.context, np.inf)
+
+    def command(self, context: Context, time: float) -> None:
+        """Commands the hand to close from a time in seconds on.
+
+        A stationary hand first moves its goals from the ring to the object.
+        """
+        command = self.diagram.GetSubsystemByName("close_command")
+        delay = 0.0
+        if isinstance(self.goals, StationaryHand):
+            self.goals.set_time(self.goals.GetMyMutableContextFromRoot(context), time)
+            delay = _CLOSE_DELAY * self.resolved.scenario.grasp.period
+        command.set_time(command.GetMyMutableContextFromRoot(context), time + delay)
+
+    def outcomes(self, closing_times: Sequence[float]) -> Iterator[Outcome]:
+        """Tracks the object, grasps it at each closing time, and yields the outcome of each grasp.
+
+        While an outcome is yielded, `ticks` and `records` are those of its grasp.
+
+        Args:
+            closing_times: Times in seconds, in ascending order, at ticks of the planner.
+        """
+        for close_at in closing_times:
+            self.track(close_at)
+            saved, lengths = self.context.Clone(), (len(self.ticks), len(self.records))
+            state = self.grasp(close_at)
+            yield grasp_outcome(close_at, self.records, self.statuses, state)
+            if close_at != closing_times[-1]:
+                self.context.SetTimeStateAndParametersFrom(saved)
+                self._simulator.Initialize()
+                for records, length in zip((self.ticks, self.records), lengths, strict=True):
+                    del records[length:]
+
+    def track(self, until: float) -> None:
+        """Tracks the object until a time in seconds, which is a tick of the planner."""
+        while self.context.get_time() < until - 1e-9:
+            self._advance()
+            self.statuses.append(self._status())
+
+    def grasp(self, close_at: float) -> GraspState:
+        """Closes the hand, simulates until the hold or a failure, and returns the state."""
+        self.command(self.context, close_at)
+        while self.context.get_time() < close_at + _LONGEST_GRASP:
+            self._advance()
+            phase, since, *_ = self.records[-1].report
+            held = self.context.get_time() - since
+            if phase == GraspPhase.BACK_OFF or (phase == GraspPhase.HOLD and held >= _HOLD):
+                break
+        controller = self.diagram.GetSubsystemByName("hand_controller")
+        sequencer = controller.GetSubsystemByName("grasp_sequencer")
+        context = sequencer.GetMyContextFromRoot(self.context)
+        unpack = state_unpacker(len(self.hand.tip_radii))
+        return unpack(context.get_discrete_state(0).value())
+
+    def _advance(self) -> None:
+        """Advances to the exact time of the next planning tick, so that the planner runs once."""
+        tick = round(self.context.get_time() / self._period) + 1
+        self._simulator.AdvanceTo(tick * self._period)
+
+    def _status(self) -> Status:
+        context = self.goals.GetMyContextFromRoot(self.context)
+        status = np.asarray(self.goals.GetOutputPort("contact_status").Eval(context))
+        return tuple(status.astype(int).tolist())

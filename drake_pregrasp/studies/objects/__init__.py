@@ -1,1 +1,0 @@
-"""Study of grasps of many objects by many hands."""

@@ -1,1 +1,0 @@
-"""Study that compares grasps with contacts that are planned once and contacts that adapt."""

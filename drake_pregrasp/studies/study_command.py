@@ -1,0 +1,177 @@
+"""The command `drake-pregrasp study`: makes the missing runs of a study, and its report."""
+
+import argparse
+import importlib
+import sys
+from pathlib import Path
+from typing import Any
+
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.simulation.output import write_text
+from drake_pregrasp.simulation.yaml_text import dump_yaml
+from drake_pregrasp.studies import (
+    baseline_goals,
+    failure_cause,
+    field_path,
+    fitting_objects,
+    goal_sources,
+    grasp_outcome,
+    grasp_trial,
+    measures,
+    study_axes,
+    study_file,
+)
+from drake_pregrasp.studies.command_options import (
+    MOST_SEEDS,
+    add_out_option,
+    add_processes_option,
+    make_rows_and_report,
+    names,
+    whole_number,
+)
+from drake_pregrasp.studies.goal_sources import GOAL_SOURCES
+from drake_pregrasp.studies.named_files import named_files
+from drake_pregrasp.studies.runner import OnProgress, StudyRows, run_jobs
+from drake_pregrasp.studies.study_file import Study, load_study, study_data
+from drake_pregrasp.studies.study_report import write_study_report
+from drake_pregrasp.studies.study_run import StudyRun
+
+STUDY = "study.yaml"
+"""File of the study's content with every key."""
+
+_MODULES = (
+    *(baseline_goals, failure_cause, field_path, fitting_objects, goal_sources, grasp_outcome),
+    *(grasp_trial, measures, study_axes, study_file),
+)
+"""Modules on which rows depend, besides that of `StudyRun`."""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of the command."""
+    parser.set_defaults(command=_command)
+    parser.add_argument("study", metavar="STUDY", help="name of a shipped study, or a YAML file")
+    add_out_option(parser, "studies", "a folder with the study's name")
+    for option, what in (("conditions", "conditions"), ("methods", "methods")):
+        text = f"keys of the {what} to run; all if not set"
+        parser.add_argument(f"--{option}", type=names, default=(), metavar="a,b,...", help=text)
+    for option, kind, metavar in (
+        ("seeds", whole_number(1, MOST_SEEDS), "N"),
+        ("first_seed", whole_number(0), "K"),
+    ):
+        text = f"replaces the key {option} of the study"
+        parser.add_argument(f"--{option}", type=kind, metavar=metavar, help=text)
+    parser.add_argument(
+        "--study_text",
+        default="{}",
+        metavar="YAML",
+        help="keys that override those of the study, for example '{overrides: {grasp: {close_at: 3}}}'",
+    )
+    parser.add_argument(
+        "--allow",
+        action="append",
+        default=[],
+        metavar="FOLDER",
+        help="further folder with files that the study names; repeatable",
+    )
+    parser.add_argument(
+        "--import",
+        dest="modules",
+        action="append",
+        default=[],
+        metavar="MODULE",
+        help="Python module that registers sources of goals or measures; repeatable",
+    )
+    add_processes_option(parser)
+    parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="make the runs on the Dask cluster of this scheduler, such as tcp://host:8786",
+    )
+
+
+def run_study(
+    study: Study,
+    out: str | Path,
+    *,
+    processes: int | None = None,
+    scheduler: str | None = None,
+    on_progress: OnProgress = lambda done, total: None,
+) -> tuple[StudyRows, Path]:
+    """Makes the missing runs of a study, and returns all rows and the path of the report.
+
+    Args:
+        study: Study to run.
+        out: Parent of the results' folder, which has the study's name.
+        processes: Number of local processes; the number of processors if not set.
+        scheduler: Address of a Dask scheduler whose workers replace the local processes.
+        on_progress: Called with the number of finished runs and the number of runs to do.
+
+    Raises:
+        OutputError: If the folder cannot be used, or has rows of other settings.
+        InvalidArgumentError: If the scheduler cannot be used.
+    """
+    folder, settings = Path(out) / study.name, study_settings(study)
+    used = {m.goals: GOAL_SOURCES[m.goals] for m in study.methods.values() if m.goals}
+    found = run_jobs(
+        StudyRun(study, used),
+        study.jobs(),
+        folder=folder,
+        settings=settings,
+        modules=[m.__name__ for m in _MODULES] + [source.__module__ for source in used.values()],
+        processes=processes,
+        scheduler=scheduler,
+        on_progress=on_progress,
+    )
+    write_text(folder / STUDY, dump_yaml(study_data(study.config)))
+    return found, write_study_report(folder, study, found, settings)
+
+
+def study_settings(study: Study) -> dict[str, Any]:
+    """Returns what all rows of a study's folder depend on besides their first columns."""
+    content = study_data(study.config)
+    beside = ("description", "scenario", "file", "overrides", "seeds", "first_seed")
+    beside += ("tests", "figures", "conditions", "methods")
+    kept = {key: value for key, value in content.items() if key not in beside}
+    words = ("label", "description")
+    entries = {"conditions": study.conditions, "methods": study.methods}
+    for name, each in entries.items():
+        kept[name] = {
+            key: {n: v for n, v in vars(entry).items() if n not in words}
+            for key, entry in each.items()
+        }
+    return kept | {"scenarios": study.bases, "files": named_files(study)}
+
+
+def _command(options: argparse.Namespace) -> int:
+    if options.scheduler is not None and options.processes is not None:
+        raise InvalidArgumentError("--processes: has no effect on a cluster; leave it out")
+    for name in options.modules:
+        _import(name)
+    study = load_study(
+        options.study,
+        options.allow,
+        text=options.study_text,
+        conditions=options.conditions,
+        methods=options.methods,
+        **{key: getattr(options, key) for key in ("seeds", "first_seed")},
+    )
+    return make_rows_and_report(
+        lambda on_progress: run_study(
+            study,
+            options.out,
+            processes=options.processes,
+            scheduler=options.scheduler,
+            on_progress=on_progress,
+        ),
+        folder=Path(options.out) / study.name,
+    )
+
+
+def _import(name: str) -> None:
+    """Imports a module, also from the working directory, as `python -m` does."""
+    if "" not in sys.path:
+        sys.path.insert(0, "")
+    try:
+        importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        raise InvalidArgumentError(f"--import: {name}: {error}") from error

@@ -1,0 +1,442 @@
+"""Studies from YAML files, and the runs that they consist of."""
+
+import dataclasses
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from drake_pregrasp.errors import InvalidArgumentError, ScenarioError, nearest
+from drake_pregrasp.resources import check_inside, resolve_path, resource_folder
+from drake_pregrasp.simulation.scenario_file import (
+    load_scenario,
+    only_name,
+    read_mapping,
+    scenario_data,
+    scenario_from_data,
+)
+from drake_pregrasp.simulation.schema_check import check_mapping
+from drake_pregrasp.simulation.yaml_text import parse_yaml
+from drake_pregrasp.studies.field_path import walk, with_fields
+from drake_pregrasp.studies.goal_sources import GOAL_SOURCES
+from drake_pregrasp.studies.measures import DEFAULT_MEASURES, MEASURES
+from drake_pregrasp.studies.study_axes import (
+    SEED_FIELD,
+    Axis,
+    GridAxis,
+    Label,
+    RandomAxis,
+    check_axes,
+    grid_axis,
+    random_axis,
+)
+from drake_pregrasp.systems.pose_sensor import MAX_SEED
+
+MOST_RUNS = 1_000_000
+"""Largest number of runs of a study."""
+
+STUDY_TEXT = "study text"
+"""Name of the text that overrides keys of a study, for error messages."""
+
+_TIMES: dict[str, Any] = {"elements": {"above": 0, "at_most": 1e6}}
+
+
+@dataclass
+class Condition:
+    """Schema of a condition: what happens to the object and the hand."""
+
+    # Name in tables and figures; by default the condition's key.
+    label: str = ""
+
+    # One line of text for the report.
+    description: str = ""
+
+    # Name of the scenario, instead of that of the study.
+    scenario: str = ""
+
+    # Changes of the scenario, after those of the study.
+    overrides: dict[str, Any] = field(default_factory=dict)
+
+    # Random axes besides those of the study, or instead of those with the same name.
+    random: dict[str, Any] = field(default_factory=dict)
+
+    # Times at which the hand is told to close, in ascending order, in seconds. All grasps follow
+    # from one tracking run. By default, the hand closes at `grasp.close_at` of the scenario.
+    closing_times: list[float] = field(default_factory=list, metadata=_TIMES)
+
+
+@dataclass
+class Method:
+    """Schema of a method: how the contacts are chosen."""
+
+    # Name in tables and figures; by default the method's key.
+    label: str = ""
+
+    # One line of text for the report.
+    description: str = ""
+
+    # Changes of the scenario, after those of the condition and of the axes.
+    overrides: dict[str, Any] = field(default_factory=dict)
+
+    # Name of a registered source of the hand's goals; by default the planner.
+    goals: str = ""
+
+
+@dataclass
+class PairedTest:
+    """Schema of paired tests: whether one method is better than others on the same runs."""
+
+    # Key of the tested method.
+    method: str = field(metadata={"required": True})
+
+    # Keys of the methods that it is tested against; by default all others.
+    against: list[str] = field(default_factory=list)
+
+    # Name of the compared measure. Measures of yes and no are compared by the exact McNemar test,
+    # numbers by Wilcoxon's signed-rank test.
+    measure: str = "held"
+
+
+@dataclass
+class StudyConfig:
+    """Schema of a study's file. docs/studies.md explains its use."""
+
+    # One line of text for the report.
+    description: str = ""
+
+    # Scenario of the runs: the name of a shipped scenario, or of an entry of `file`.
+    scenario: str = ""
+
+    # YAML file of scenarios; a relative path starts at this file's folder.
+    file: str = field(default="", metadata={"path": True})
+
+    # Changes of the scenario in all runs, as nested keys or by paths.
+    overrides: dict[str, Any] = field(default_factory=dict)
+
+    # Changes of a run whose hand has no grasp of the object; without any, the run is refused.
+    otherwise: dict[str, Any] = field(default_factory=dict)
+
+    # Conditions (`Condition`) and methods (`Method`) by their keys: the rows and the columns of the
+    # report's tables.
+    conditions: dict[str, Any] = field(default_factory=dict)
+    methods: dict[str, Any] = field(default_factory=dict)
+
+    # Axes whose combinations are all run, besides those of conditions and methods. An entry maps a
+    # field's path to a list of values; or it maps a name to labels, and each label to paths and
+    # their values, which change together.
+    grid: dict[str, Any] = field(default_factory=dict)
+
+    # Axes that each seed draws at random. An entry maps a field's path to `uniform: [a, b]`,
+    # `log_uniform: [a, b]`, `integer: [a, b]`, `choice: [...]` or `random_objects: [a, b]`. With
+    # `fields: [...]`, it maps a name to several fields with the same value.
+    random: dict[str, Any] = field(default_factory=dict)
+
+    # Number of seeds, and the first one. A seed is the `random_seed` of the scenario, and draws the
+    # random axes. All conditions, methods and points of the grid have the same seeds.
+    seeds: int = field(default=1, metadata={"at_least": 1, "at_most": MOST_RUNS})
+    first_seed: int = field(default=0, metadata={"at_least": 0, "at_most": MAX_SEED})
+
+    # Closing times of conditions that have none of their own.
+    closing_times: list[float] = field(default_factory=list, metadata=_TIMES)
+
+    # Measures in each row, by their names in `measures.py`, and those of them in figures of the
+    # axes; by default all.
+    measures: list[str] = field(
+        default_factory=lambda: list(DEFAULT_MEASURES), metadata={"min_length": 1}
+    )
+    figures: list[str] = field(default_factory=list)
+
+    # Paired tests of the methods.
+    tests: list[PairedTest] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Study:
+    """A loaded study.
+
+    Attributes:
+        name: Name of the study's folder and report.
+        source: File of the study, for messages.
+        folder: Folder at which relative paths in changed values start.
+        folders: Further folders that may hold named files.
+        config: Content of the file, with defaults.
+        conditions: Conditions by their keys; a study without any has one with the key "".
+        methods: Methods by their keys, likewise.
+        bases: Scenario of each condition as `scenario_data` returns it.
+        grid: Axes with listed values.
+        random: Axes that each seed draws, for each condition.
+        chosen: Keys of the conditions and methods to run.
+    """
+
+    name: str
+    source: str
+    folder: Path
+    folders: tuple[str, ...]
+    config: StudyConfig
+    conditions: Mapping[str, Condition]
+    methods: Mapping[str, Method]
+    bases: Mapping[str, Mapping[str, Any]]
+    grid: tuple[GridAxis, ...]
+    random: Mapping[str, tuple[RandomAxis, ...]]
+    chosen: tuple[tuple[str, ...], tuple[str, ...]]
+
+    @property
+    def axes(self) -> list[Axis]:
+        """All axes, those of the grid first, and each name once."""
+        random = {axis.name: axis for axes in self.random.values() for axis in axes}
+        return [*self.grid, *random.values()]
+
+    @property
+    def job_columns(self) -> list[str]:
+        """Names of the columns that identify a run, and of those that follow from them."""
+        return ["condition", "method", *(axis.name for axis in self.axes), "seed"]
+
+    @property
+    def seeds(self) -> range:
+        """Seeds of the runs."""
+        return range(self.config.first_seed, self.config.first_seed + self.config.seeds)
+
+    def jobs(self) -> list[dict[str, Label]]:
+        """Returns the first columns of each run's row: condition, method, axes and seed.
+
+        All runs with one seed come before the next seed: half a study compares all methods.
+        """
+        points: list[dict[str, Label]] = [{}]
+        for axis in self.grid:
+            points = [p | {axis.name: label} for p in points for label in axis.changes]
+        return [
+            ({"condition": condition} if condition else {})
+            | ({"method": method} if method else {})
+            | point
+            | {axis.name: axis.label(seed) for axis in self.random[condition]}
+            | {"seed": seed}
+            for seed in self.seeds
+            for condition in self.chosen[0]
+            for point in points
+            for method in self.chosen[1]
+        ]
+
+    def method_of(self, job: Mapping[str, Any]) -> Method:
+        """Returns the method of a job."""
+        return self.methods[job.get("method", "")]
+
+    def closing_times(self, job: Mapping[str, Any]) -> list[float]:
+        """Returns the closing times of a job's hand; empty for that of the scenario."""
+        own = self.conditions[job.get("condition", "")].closing_times
+        return own or self.config.closing_times
+
+    def scenario_of(self, job: Mapping[str, Any], *, otherwise: bool = False) -> dict[str, Any]:
+        """Returns the scenario of a job as plain data.
+
+        Args:
+            job: One of `jobs`.
+            otherwise: Whether to apply the changes of a run without a grasp.
+
+        Raises:
+            ScenarioError: If a field does not exist.
+        """
+        condition = job.get("condition", "")
+        data: Mapping[str, Any] = self.bases[condition]
+        changes = [axis.changes[job[axis.name]] for axis in self.grid]
+        changes += [axis.changes(job["seed"]) for axis in self.random[condition]]
+        changes += [self.method_of(job).overrides, {SEED_FIELD: job["seed"]}]
+        for each in [*changes, self.config.otherwise] if otherwise else changes:
+            data = with_fields(data, each, self.source)
+        return dict(data)
+
+
+def shipped_studies() -> dict[str, Path]:
+    """Returns the files of the shipped studies, by their names."""
+    files = sorted((resource_folder("scenarios") / "studies").glob("*.yaml"))
+    return {file.stem: file for file in files}
+
+
+def load_study(
+    name_or_file: str,
+    folders: Sequence[str] = (),
+    *,
+    text: str = "{}",
+    conditions: Sequence[str] = (),
+    methods: Sequence[str] = (),
+    seeds: int | None = None,
+    first_seed: int | None = None,
+) -> Study:
+    """Loads and checks a study. Values of its axes are checked when they are run.
+
+    Args:
+        name_or_file: Name of a shipped study, or path of a YAML file.
+        folders: Further folders that may hold named files, besides the study's own folder.
+        text: YAML that overrides keys of the study. A mapping changes only the keys that it has.
+        conditions: Keys of the conditions to run; by default all.
+        methods: Keys of the methods to run; by default all.
+        seeds: Number of seeds, instead of that of the study.
+        first_seed: First seed, instead of that of the study.
+
+    Raises:
+        ScenarioError: If the study is invalid; the message names file, key and value.
+    """
+    file = _find(name_or_file)
+    data, source = dict(read_mapping(file)), str(file)
+    changes = parse_yaml(STUDY_TEXT, text) or {}
+    for where, part in ((source, data), (STUDY_TEXT, changes)):
+        _check_plain(where, part)
+        check_mapping(where, "", part, StudyConfig)
+    config = _config(_merged(data, changes))
+    config.seeds = config.seeds if seeds is None else seeds
+    config.first_seed = config.first_seed if first_seed is None else first_seed
+    _check_name(file)
+    _resolve_file(config, file, folders)
+    all_conditions = _entries(source, "conditions", config.conditions, Condition)
+    all_methods = _entries(source, "methods", config.methods, Method)
+    bases, random = {}, {}
+    for key, condition in all_conditions.items():
+        bases[key] = _base(config, condition, file, folders)
+        entries = {**config.random, **condition.random}
+        own = f"conditions.{key}.random"
+        random[key] = tuple(
+            random_axis(n, v, bases[key], source, own if n in condition.random else "random")
+            for n, v in entries.items()
+        )
+    first = next(iter(bases.values()))
+    grid = tuple(grid_axis(str(name), v, first, source) for name, v in config.grid.items())
+    chosen = (
+        _chosen("conditions", conditions, all_conditions),
+        _chosen("methods", methods, all_methods),
+    )
+    absolute = tuple(str(Path(folder).resolve()) for folder in folders)
+    study = Study(
+        *(file.stem, source, file.parent.resolve(), absolute, config),
+        *(all_conditions, all_methods, bases, grid, random, chosen),
+    )
+    _check(study)
+    return study
+
+
+def _config(data: dict[str, Any]) -> StudyConfig:
+    tests = [PairedTest(**test) for test in data.get("tests", ())]
+    return StudyConfig(**{**data, "tests": tests})
+
+
+def _merged(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns nested mappings with changed keys."""
+    merged = dict(data)
+    for key, value in changes.items():
+        both = isinstance(value, Mapping) and isinstance(merged.get(key), Mapping)
+        merged[key] = _merged(merged[key], value) if both else value
+    return merged
+
+
+def _entries(source: str, key: str, data: Mapping[str, Any], schema: Any) -> dict[str, Any]:
+    """Returns the conditions or methods of a study; one with the key "" if there are none."""
+    for name, entry in data.items():
+        if not isinstance(name, str) or not name:
+            raise ScenarioError(source, f"{key}.{name}", "is not a name; quote it if it is one")
+        check_mapping(source, f"{key}.{name}", entry, schema)
+    found = {name: schema(**entry) for name, entry in data.items()}
+    for name, entry in found.items():
+        entry.label = entry.label or name
+    return found or {"": schema()}
+
+
+def _base(
+    config: StudyConfig, condition: Condition, file: Path, folders: Sequence[str]
+) -> dict[str, Any]:
+    """Returns the scenario of a condition as plain data, after a check of all its values."""
+    source, name = str(file), condition.scenario or config.scenario
+    if not name:
+        raise ScenarioError(source, "scenario", "is missing; name a scenario")
+    # A scenario's file in a subfolder may name files beside the study.
+    beside = [str(file.parent), *folders] if config.file else list(folders)
+    data = scenario_data(load_scenario(name, file=config.file or None, folders=beside))
+    for changes in (config.overrides, condition.overrides):
+        data = with_fields(data, changes, f"{source}: overrides")
+    return scenario_data(
+        scenario_from_data(data, source=source, folder=file.parent, folders=folders)
+    )
+
+
+def _chosen(option: str, wanted: Sequence[str], known: Mapping[str, Any]) -> tuple[str, ...]:
+    for key in wanted:
+        if key not in known or not key:
+            listed = ", ".join(filter(None, known)) or "none"
+            raise ScenarioError(f"--{option}", key, f"there is none with this key; {listed}")
+    return tuple(key for key in known if key in wanted or not wanted)
+
+
+def _check(study: Study) -> None:
+    """Checks what keys of a study say of each other."""
+    config, source = study.config, study.source
+    for key, condition in study.conditions.items():
+        check_axes(
+            [*study.grid, *study.random[key]],
+            source,
+            ["condition", "method", "seed", "error", *MEASURES],
+        )
+        if (times := condition.closing_times) != sorted(times):
+            raise ScenarioError(source, f"conditions.{key}.closing_times", f"{times}: sort them")
+        if (times or config.closing_times) and "held" not in config.measures:
+            raise ScenarioError(source, "measures", "have closing times, but not `held`")
+    for key, method in study.methods.items():
+        if method.goals and method.goals not in GOAL_SOURCES:
+            hint = nearest(method.goals, GOAL_SOURCES)
+            raise ScenarioError(source, f"methods.{key}.goals", f"{method.goals}: {hint}")
+        for base in study.bases.values():
+            with_fields(base, method.overrides, f"{source}: methods.{key}.overrides")
+    known = {"measures": MEASURES, "figures": config.measures}
+    for key, names in known.items():
+        for name in getattr(config, key):
+            if name not in names:
+                raise ScenarioError(source, key, f"{name}: {nearest(name, names)}")
+    for test in config.tests:
+        for name in (test.method, *test.against):
+            if name not in study.methods:
+                raise ScenarioError(source, "tests", f"{name}: {nearest(name, study.methods)}")
+        if test.measure not in config.measures:
+            raise ScenarioError(source, "tests", f"{test.measure} is not in measures")
+    points = len(study.chosen[0]) * len(study.chosen[1]) * config.seeds
+    for axis in study.grid:
+        points *= len(axis.changes)
+    if points > MOST_RUNS:
+        problem = f"{points} runs are too many; at most {MOST_RUNS} can be made"
+        raise ScenarioError(source, "", problem)
+
+
+def _check_plain(source: str, data: Any) -> None:
+    """Rejects YAML types that no field of a scenario has: dates, bytes, sets."""
+    for path, part in walk(data):
+        for scalar in part if isinstance(part, Mapping) else [part]:
+            if not isinstance(scalar, str | int | float | list | None):
+                problem = f"{scalar!r} must be a number, a text, true, false, a list or a mapping"
+                raise ScenarioError(source, path, problem)
+
+
+def _check_name(file: Path) -> None:
+    if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*", file.stem):
+        problem = "a study's file is named with letters, digits, '_', '-' and '.'"
+        raise ScenarioError("", file.stem, problem)
+
+
+def _find(name_or_file: str) -> Path:
+    file, shipped = Path(name_or_file), shipped_studies()
+    if file.suffix in (".yaml", ".yml"):
+        return file
+    if name_or_file not in shipped:
+        problem = f"no such study; give a file that ends in .yaml, or one of: {', '.join(shipped)}"
+        raise ScenarioError("", name_or_file, problem)
+    return shipped[name_or_file]
+
+
+def _resolve_file(config: StudyConfig, file: Path, folders: Sequence[str]) -> None:
+    if config.file:
+        try:
+            config.file = str(resolve_path(config.file, file.parent))
+            check_inside(Path(config.file), [file.parent, *map(Path, folders)])
+        except InvalidArgumentError as error:
+            raise ScenarioError(str(file), "file", str(error)) from error
+        config.scenario = config.scenario or only_name(config.file)
+
+
+def study_data(config: StudyConfig) -> dict[str, Any]:
+    """Returns the content of a study's file with every key, the inverse of loading it."""
+    return dataclasses.asdict(config)

@@ -1,0 +1,136 @@
+"""Runs of a study: the scenario of a job, its simulation, and its rows."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+
+from drake_pregrasp.errors import InvalidArgumentError, NoGraspError, ScenarioError, one_line
+from drake_pregrasp.simulation.hand_file import load_hand, made_hand
+from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario, resolve_scenario
+from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.scenario_file import scenario_from_data
+from drake_pregrasp.simulation.simulation_diagram import make_diagram
+from drake_pregrasp.studies.fitting_objects import fits, opening
+from drake_pregrasp.studies.goal_sources import RegisteredSource
+from drake_pregrasp.studies.grasp_trial import GraspTrial
+from drake_pregrasp.studies.measures import SimulatedRun, measure
+from drake_pregrasp.studies.study_axes import RANDOM_OBJECTS
+from drake_pregrasp.studies.study_file import Study
+from drake_pregrasp.systems.loggers import TickRecord
+
+REFUSED = "refused"
+"""Cause of a failure before the simulation, which the missing property may follow."""
+
+UNFIT = "does not fit the hand"
+"""Cause of a random object that is not grasped, and does not count."""
+
+
+@dataclass(frozen=True)
+class StudyRun:
+    """Simulates and measures runs of a study, without leaving files.
+
+    Attributes:
+        study: The study.
+        sources: Sources of goals by the names that methods use. They are passed on, because another
+            process may not have registered them.
+    """
+
+    study: Study
+    sources: Mapping[str, RegisteredSource]
+
+    def __call__(self, job: Mapping[str, Any]) -> list[dict[str, Any]]:
+        """Returns the rows of a job: one for each closing time, or one."""
+        scenario = self._scenario(job)
+        if not scenario.has_hand:
+            resolved = resolve_scenario(scenario, self.study.source)
+            return [self._measured(simulated(resolved))]
+        if not self._fits(scenario, job):
+            return self._ungrasped(scenario, job, UNFIT, np.nan)
+        try:
+            resolved = self._resolved(scenario, job)
+        except ScenarioError as error:
+            lack = error.__cause__.lack if isinstance(error.__cause__, NoGraspError) else ""
+            cause = f"{REFUSED}: {lack}" if lack else REFUSED
+            return self._ungrasped(scenario, job, cause, False, one_line(error))
+        trial = GraspTrial(resolved, self._source(job))
+        return [
+            self._measured(SimulatedRun(resolved, trial.ticks, outcome))
+            for outcome in trial.outcomes(self._times(scenario, job))
+        ]
+
+    def resolved(self, job: Mapping[str, Any]) -> ResolvedScenario:
+        """Returns the scenario of a job with everything that it needs to be simulated.
+
+        Raises:
+            ScenarioError: If the scenario cannot be simulated.
+        """
+        return self._resolved(self._scenario(job), job)
+
+    def trial(self, job: Mapping[str, Any]) -> GraspTrial:
+        """Returns the trial of a job with a hand, before its simulation.
+
+        Raises:
+            ScenarioError: If the scenario cannot be simulated.
+        """
+        return GraspTrial(self.resolved(job), self._source(job))
+
+    def _source(self, job: Mapping[str, Any]) -> RegisteredSource | None:
+        goals = self.study.method_of(job).goals
+        return self.sources[goals] if goals else None
+
+    def _scenario(self, job: Mapping[str, Any], *, otherwise: bool = False) -> Scenario:
+        study = self.study
+        data = study.scenario_of(job, otherwise=otherwise)
+        return scenario_from_data(
+            data, source=study.source, folder=study.folder, folders=study.folders
+        )
+
+    def _resolved(self, scenario: Scenario, job: Mapping[str, Any]) -> ResolvedScenario:
+        source = self.study.source
+        try:
+            return resolve_scenario(scenario, source)
+        except ScenarioError as error:
+            if not (self.study.config.otherwise and isinstance(error.__cause__, NoGraspError)):
+                raise
+            try:
+                return resolve_scenario(self._scenario(job, otherwise=True), source)
+            except ScenarioError:
+                raise error from error.__cause__
+
+    def _fits(self, scenario: Scenario, job: Mapping[str, Any]) -> bool:
+        """Returns whether a random object fits the hand; other objects are not asked."""
+        axes = self.study.random[job.get("condition", "")]
+        if all(axis.kind != RANDOM_OBJECTS for axis in axes):
+            return True
+        try:
+            shape = scenario.object.make_shape()
+        except InvalidArgumentError:
+            return False
+        return fits(shape, opening(made_hand(load_hand(scenario.hand_file))))
+
+    def _times(self, scenario: Scenario, job: Mapping[str, Any]) -> list[float]:
+        return self.study.closing_times(job) or [scenario.grasp.close_at]
+
+    def _measured(self, run: SimulatedRun) -> dict[str, Any]:
+        return measure(run, self.study.config.measures)
+
+    def _ungrasped(
+        self, scenario: Scenario, job: Mapping[str, Any], cause: str, held: float, why: str = ""
+    ) -> list[dict[str, Any]]:
+        """Returns the rows of a run that was not simulated."""
+        row = dict.fromkeys(self.study.config.measures, np.nan)
+        row |= {name: held for name in ("held", "clean") if name in row}
+        reasons = {"cause": cause, "gave_up": why}
+        return [{"close_at": time} | reasons | row for time in self._times(scenario, job)]
+
+
+def simulated(resolved: ResolvedScenario) -> SimulatedRun:
+    """Simulates a scenario without a hand."""
+    ticks: list[TickRecord] = []
+    simulator = Simulator(make_diagram(resolved, sink=ticks.append))
+    ApplySimulatorConfig(resolved.scenario.simulator_config, simulator)
+    simulator.AdvanceTo(resolved.scenario.simulation_duration)
+    return SimulatedRun(resolved, ticks, None)

@@ -1,1 +1,0 @@
-"""Sweeps: simulations of one scenario with many values of any of its fields."""
