@@ -7,6 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from drake_pregrasp.studies.static_versus_dynamic.comparison_command import SEEDS
+from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
+from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import CLEAN_IN_WORDS
+from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS
+from drake_pregrasp.studies.static_versus_dynamic.trial_pictures import PICTURES
+from drake_pregrasp.studies.sweep.measures import MEASURES, SweepRun
+from drake_pregrasp.studies.sweep.study_file import StudyConfig, load_study
+from drake_pregrasp.studies.sweep.sweep_command import STUDY
 from pages import DOCS, ROOT, block, blocks, executed
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import DiagramBuilder
@@ -24,14 +32,6 @@ from drake_pregrasp.cli import main
 from drake_pregrasp.estimation.recorded_poses import MAX_ROWS
 from drake_pregrasp.simulation.run_log import grasp_columns, log_columns
 from drake_pregrasp.studies import runner
-from drake_pregrasp.studies.static_versus_dynamic.comparison_command import SEEDS
-from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
-from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import CLEAN_IN_WORDS
-from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS
-from drake_pregrasp.studies.static_versus_dynamic.trial_pictures import PICTURES
-from drake_pregrasp.studies.sweep.measures import MEASURES, SweepRun
-from drake_pregrasp.studies.sweep.study_file import StudyConfig, load_study
-from drake_pregrasp.studies.sweep.sweep_command import STUDY
 
 FILES = (runner.ROWS, runner.JOURNAL, runner.FAILED, runner.SETTINGS)  # Of every study.
 

@@ -202,7 +202,7 @@ def _live(options: argparse.Namespace) -> int:
 
 def _film(options: argparse.Namespace) -> int:
     # Imported here because the renderer takes a fifth of a second.
-    from drake_pregrasp.studies.film import film_scenario
+    from drake_pregrasp.studies.gallery.film import film_scenario
 
     name, scenario = load_chosen(options)
     print(f"film in {film_scenario(scenario, name, Path(options.out))}")

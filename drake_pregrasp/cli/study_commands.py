@@ -13,8 +13,8 @@ _COMMANDS = {
     "study": ("study_command", "simulate scenarios under many conditions, by several methods"),
     "reproduce": ("paper.reproduce", "reproduce the paper's tables and figures"),
     "bench": ("bench.bench", "measure planning times"),
-    "gallery": ("gallery:make_gallery", "make pictures of the shipped scenarios"),
-    "grasps": ("gallery:picture_grasps", "make pictures of the shipped hands"),
+    "gallery": ("gallery.gallery:make_gallery", "make pictures of the shipped scenarios"),
+    "grasps": ("gallery.gallery:picture_grasps", "make pictures of the shipped hands"),
 }
 
 _EXTRA = "dask distributed jinja2 markupsafe pandas seaborn statsmodels tabulate threadpoolctl"

@@ -17,7 +17,7 @@ from drake_pregrasp.regions.constraints import OPPOSITE
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.run_log import RunLog, adapting_phase, pose_columns
 from drake_pregrasp.simulation.summary import force_closure_summary, seen_from
-from drake_pregrasp.studies.grasp_outcome import Outcome
+from drake_pregrasp.studies.grasps.grasp_outcome import Outcome
 from drake_pregrasp.systems.loggers import TickRecord
 
 RECOVERED = 4.0

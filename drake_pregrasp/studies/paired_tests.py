@@ -10,7 +10,7 @@ from statsmodels.stats.contingency_tables import mcnemar
 from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.proportion import proportion_confint
 
-from drake_pregrasp.studies.study_file import PairedTest
+from drake_pregrasp.studies.study_config import PairedTest
 
 CONFIDENCE = 0.95
 """Confidence of all intervals."""
@@ -77,8 +77,7 @@ def _tests_of(
     rows: pd.DataFrame, test: PairedTest, cell: list[str], pair: list[str]
 ) -> Iterator[Mapping[str, Any]]:
     wide = rows.pivot(index=[*cell, *pair], columns="method", values=test.measure)
-    others = test.against or [key for key in rows["method"].unique() if key != test.method]
-    for other in others:
+    for other in test.against:
         if not {test.method, other} <= set(wide.columns):
             continue
         both = wide[[test.method, other]].dropna()

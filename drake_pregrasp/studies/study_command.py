@@ -9,18 +9,7 @@ from typing import Any
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.simulation.output import write_text
 from drake_pregrasp.simulation.yaml_text import dump_yaml
-from drake_pregrasp.studies import (
-    baseline_goals,
-    failure_cause,
-    field_path,
-    fitting_objects,
-    goal_sources,
-    grasp_outcome,
-    grasp_trial,
-    measures,
-    study_axes,
-    study_file,
-)
+from drake_pregrasp.studies import field_path, measures, study_axes, study_file
 from drake_pregrasp.studies.command_options import (
     MOST_SEEDS,
     add_out_option,
@@ -29,7 +18,15 @@ from drake_pregrasp.studies.command_options import (
     names,
     whole_number,
 )
-from drake_pregrasp.studies.goal_sources import GOAL_SOURCES
+from drake_pregrasp.studies.grasps import (
+    baseline_goals,
+    failure_cause,
+    fitting_objects,
+    goal_sources,
+    grasp_outcome,
+    grasp_trial,
+)
+from drake_pregrasp.studies.grasps.goal_sources import GOAL_SOURCES
 from drake_pregrasp.studies.named_files import named_files
 from drake_pregrasp.studies.runner import OnProgress, StudyRows, run_jobs
 from drake_pregrasp.studies.study_file import Study, load_study, study_data
@@ -64,7 +61,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--study_text",
         default="{}",
         metavar="YAML",
-        help="keys that override those of the study, for example '{overrides: {grasp: {close_at: 3}}}'",
+        help="keys that override those of the study, such as '{overrides: {grasp: {close_at: 3}}}'",
     )
     parser.add_argument(
         "--allow",
@@ -129,8 +126,8 @@ def run_study(
 def study_settings(study: Study) -> dict[str, Any]:
     """Returns what all rows of a study's folder depend on besides their first columns."""
     content = study_data(study.config)
-    beside = ("description", "scenario", "file", "overrides", "seeds", "first_seed")
-    beside += ("tests", "figures", "conditions", "methods")
+    beside = {"description", "scenario", "file", "overrides", "seeds", "first_seed", "tests"}
+    beside |= {"figures", "conditions", "methods"}
     kept = {key: value for key, value in content.items() if key not in beside}
     words = ("label", "description")
     entries = {"conditions": study.conditions, "methods": study.methods}

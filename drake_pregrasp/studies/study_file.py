@@ -3,7 +3,7 @@
 import dataclasses
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +19,8 @@ from drake_pregrasp.simulation.scenario_file import (
 from drake_pregrasp.simulation.schema_check import check_mapping
 from drake_pregrasp.simulation.yaml_text import parse_yaml
 from drake_pregrasp.studies.field_path import walk, with_fields
-from drake_pregrasp.studies.goal_sources import GOAL_SOURCES
-from drake_pregrasp.studies.measures import DEFAULT_MEASURES, MEASURES
+from drake_pregrasp.studies.grasps.goal_sources import GOAL_SOURCES
+from drake_pregrasp.studies.measures import MEASURES
 from drake_pregrasp.studies.study_axes import (
     SEED_FIELD,
     Axis,
@@ -31,124 +31,16 @@ from drake_pregrasp.studies.study_axes import (
     grid_axis,
     random_axis,
 )
-from drake_pregrasp.systems.pose_sensor import MAX_SEED
-
-MOST_RUNS = 1_000_000
-"""Largest number of runs of a study."""
+from drake_pregrasp.studies.study_config import (
+    MOST_RUNS,
+    Condition,
+    Method,
+    PairedTest,
+    StudyConfig,
+)
 
 STUDY_TEXT = "study text"
 """Name of the text that overrides keys of a study, for error messages."""
-
-_TIMES: dict[str, Any] = {"elements": {"above": 0, "at_most": 1e6}}
-
-
-@dataclass
-class Condition:
-    """Schema of a condition: what happens to the object and the hand."""
-
-    # Name in tables and figures; by default the condition's key.
-    label: str = ""
-
-    # One line of text for the report.
-    description: str = ""
-
-    # Name of the scenario, instead of that of the study.
-    scenario: str = ""
-
-    # Changes of the scenario, after those of the study.
-    overrides: dict[str, Any] = field(default_factory=dict)
-
-    # Random axes besides those of the study, or instead of those with the same name.
-    random: dict[str, Any] = field(default_factory=dict)
-
-    # Times at which the hand is told to close, in ascending order, in seconds. All grasps follow
-    # from one tracking run. By default, the hand closes at `grasp.close_at` of the scenario.
-    closing_times: list[float] = field(default_factory=list, metadata=_TIMES)
-
-
-@dataclass
-class Method:
-    """Schema of a method: how the contacts are chosen."""
-
-    # Name in tables and figures; by default the method's key.
-    label: str = ""
-
-    # One line of text for the report.
-    description: str = ""
-
-    # Changes of the scenario, after those of the condition and of the axes.
-    overrides: dict[str, Any] = field(default_factory=dict)
-
-    # Name of a registered source of the hand's goals; by default the planner.
-    goals: str = ""
-
-
-@dataclass
-class PairedTest:
-    """Schema of paired tests: whether one method is better than others on the same runs."""
-
-    # Key of the tested method.
-    method: str = field(metadata={"required": True})
-
-    # Keys of the methods that it is tested against; by default all others.
-    against: list[str] = field(default_factory=list)
-
-    # Name of the compared measure. Measures of yes and no are compared by the exact McNemar test,
-    # numbers by Wilcoxon's signed-rank test.
-    measure: str = "held"
-
-
-@dataclass
-class StudyConfig:
-    """Schema of a study's file. docs/studies.md explains its use."""
-
-    # One line of text for the report.
-    description: str = ""
-
-    # Scenario of the runs: the name of a shipped scenario, or of an entry of `file`.
-    scenario: str = ""
-
-    # YAML file of scenarios; a relative path starts at this file's folder.
-    file: str = field(default="", metadata={"path": True})
-
-    # Changes of the scenario in all runs, as nested keys or by paths.
-    overrides: dict[str, Any] = field(default_factory=dict)
-
-    # Changes of a run whose hand has no grasp of the object; without any, the run is refused.
-    otherwise: dict[str, Any] = field(default_factory=dict)
-
-    # Conditions (`Condition`) and methods (`Method`) by their keys: the rows and the columns of the
-    # report's tables.
-    conditions: dict[str, Any] = field(default_factory=dict)
-    methods: dict[str, Any] = field(default_factory=dict)
-
-    # Axes whose combinations are all run, besides those of conditions and methods. An entry maps a
-    # field's path to a list of values; or it maps a name to labels, and each label to paths and
-    # their values, which change together.
-    grid: dict[str, Any] = field(default_factory=dict)
-
-    # Axes that each seed draws at random. An entry maps a field's path to `uniform: [a, b]`,
-    # `log_uniform: [a, b]`, `integer: [a, b]`, `choice: [...]` or `random_objects: [a, b]`. With
-    # `fields: [...]`, it maps a name to several fields with the same value.
-    random: dict[str, Any] = field(default_factory=dict)
-
-    # Number of seeds, and the first one. A seed is the `random_seed` of the scenario, and draws the
-    # random axes. All conditions, methods and points of the grid have the same seeds.
-    seeds: int = field(default=1, metadata={"at_least": 1, "at_most": MOST_RUNS})
-    first_seed: int = field(default=0, metadata={"at_least": 0, "at_most": MAX_SEED})
-
-    # Closing times of conditions that have none of their own.
-    closing_times: list[float] = field(default_factory=list, metadata=_TIMES)
-
-    # Measures in each row, by their names in `measures.py`, and those of them in figures of the
-    # axes; by default all.
-    measures: list[str] = field(
-        default_factory=lambda: list(DEFAULT_MEASURES), metadata={"min_length": 1}
-    )
-    figures: list[str] = field(default_factory=list)
-
-    # Paired tests of the methods.
-    tests: list[PairedTest] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -183,14 +75,15 @@ class Study:
 
     @property
     def axes(self) -> list[Axis]:
-        """All axes, those of the grid first, and each name once."""
+        """Axes that all conditions have, those of the grid first."""
         random = {axis.name: axis for axes in self.random.values() for axis in axes}
-        return [*self.grid, *random.values()]
+        return [*self.grid, *(random[name] for name in self.config.random)]
 
     @property
     def job_columns(self) -> list[str]:
-        """Names of the columns that identify a run, and of those that follow from them."""
-        return ["condition", "method", *(axis.name for axis in self.axes), "seed"]
+        """Names of the columns that identify a run."""
+        random = [axis.name for axes in self.random.values() for axis in axes]
+        return ["condition", "method", *(axis.name for axis in self.grid), *random, "seed"]
 
     @property
     def seeds(self) -> range:
@@ -289,6 +182,8 @@ def load_study(
     _resolve_file(config, file, folders)
     all_conditions = _entries(source, "conditions", config.conditions, Condition)
     all_methods = _entries(source, "methods", config.methods, Method)
+    for test in config.tests:
+        test.against = test.against or [key for key in all_methods if key != test.method]
     bases, random = {}, {}
     for key, condition in all_conditions.items():
         bases[key] = _base(config, condition, file, folders)
@@ -304,10 +199,18 @@ def load_study(
         _chosen("conditions", conditions, all_conditions),
         _chosen("methods", methods, all_methods),
     )
-    absolute = tuple(str(Path(folder).resolve()) for folder in folders)
     study = Study(
-        *(file.stem, source, file.parent.resolve(), absolute, config),
-        *(all_conditions, all_methods, bases, grid, random, chosen),
+        name=file.stem,
+        source=source,
+        folder=file.parent.resolve(),
+        folders=tuple(str(Path(folder).resolve()) for folder in folders),
+        config=config,
+        conditions=all_conditions,
+        methods=all_methods,
+        bases=bases,
+        grid=grid,
+        random=random,
+        chosen=chosen,
     )
     _check(study)
     return study

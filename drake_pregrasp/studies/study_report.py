@@ -13,8 +13,8 @@ import seaborn as sns
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
 
-from drake_pregrasp.studies.fitting_objects import FIT_IN_WORDS
-from drake_pregrasp.studies.grasp_outcome import CLEAN_IN_WORDS, HELD_IN_WORDS
+from drake_pregrasp.studies.grasps.fitting_objects import FIT_IN_WORDS
+from drake_pregrasp.studies.grasps.grasp_outcome import CLEAN_IN_WORDS, HELD_IN_WORDS
 from drake_pregrasp.studies.measures import MEASURES, PLANNING
 from drake_pregrasp.studies.paired_tests import (
     SIGNIFICANT,
@@ -63,7 +63,8 @@ def write_study_report(folder: Path, study: Study, found: StudyRows, settings: A
     parts += _results(study, rows) if len(rows) else ["There are no rows yet."]
     for key, entries in (("Conditions", study.conditions), ("Methods", study.methods)):
         texts = [{"name": e.label, "description": e.description} for e in entries.values()]
-        parts += [Heading(key), Table(pd.DataFrame(texts))] if "" not in entries else []
+        if any(text["description"] for text in texts):
+            parts += [Heading(key), Table(pd.DataFrame(texts))]
     if len(found.failed):
         parts.append(Details(f"Failed runs, {len(found.failed)}", to_csv(found.failed)))
     parts.append(Details("Settings", json.dumps(settings, indent=1)))
@@ -94,7 +95,7 @@ def _results(study: Study, rows: pd.DataFrame) -> list[Part]:
     for axis in study.axes:
         parts += [
             Heading(axis.name),
-            *_axis_parts(study, shown, axis, figures, [*shares, *numbers]),
+            *_axis_parts(study, shown, axis, figures),
         ]
     return parts
 
@@ -110,7 +111,7 @@ def labelled(study: Study, rows: pd.DataFrame) -> pd.DataFrame:
             labels = [entry.label for entry in entries.values()]
             column = rows[name].map({key: entry.label for key, entry in entries.items()})
             rows[name] = pd.Categorical(column, labels).remove_unused_categories()
-    for axis in study.axes:
+    for axis in study.axes if len(rows) else ():
         column = rows[axis.name]
         known = column.dropna()
         if all(isinstance(v, int | float) and not isinstance(v, bool) for v in known):
@@ -131,7 +132,7 @@ def share_table(rows: pd.DataFrame, measure: str) -> pd.DataFrame:
     """
     table = rows.assign(all="all")
     keys = [name for name in _GROUPS if name in rows] or ["all"]
-    cells = table.groupby(keys, observed=True, sort=False)[measure]
+    cells = table.groupby(keys, observed=True)[measure]
     counts, sizes = cells.sum().astype(int), cells.size()
     ends = (100 * share_interval(counts, sizes)).round(1)
     lines = zip(counts, sizes, ends["low"], ends["high"], strict=True)
@@ -139,7 +140,7 @@ def share_table(rows: pd.DataFrame, measure: str) -> pd.DataFrame:
         [f"{n} of {of} ({low:g}–{high:g} %)" for n, of, low, high in lines], counts.index
     )
     if "method" in keys and len(keys) > 1:
-        texts = texts.unstack("method", sort=False)
+        texts = texts.unstack("method")
     return _flat(texts.to_frame("runs") if isinstance(texts, pd.Series) else texts)
 
 
@@ -160,8 +161,8 @@ def measure_table(rows: pd.DataFrame, keys: Sequence[Any], measures: Sequence[st
             continue
         median, low, high = (getattr(groups[measure], n)() for n in ("median", "min", "max"))
         least, most = (part.map("{:.4g}".format) for part in (low, high))
-        texts = median.map("{:.5g}".format) + " (" + least + " to " + most + ")"
-        table[MEASURES[measure]] = texts.where(median.notna())
+        ends = (" (" + least + " to " + most + ")").where(low < high, "")
+        table[MEASURES[measure]] = (median.map("{:.4g}".format) + ends).where(median.notna())
     return _flat(table if keys else table.reset_index(drop=True))
 
 
@@ -170,7 +171,7 @@ def _flat(table: pd.DataFrame) -> pd.DataFrame:
     named = [name for name in table.index.names if name not in (None, "all")]
     table = table.reset_index() if named else table.reset_index(drop=True)
     table.columns = [_HEADS.get(str(name), str(name)) for name in table.columns]
-    return table.map(lambda v: f"{v:.6g}" if isinstance(v, float) else v)
+    return table.map(lambda v: f"{v:.6g}" if isinstance(v, float) else str(v))
 
 
 def _causes(rows: pd.DataFrame) -> list[Part]:
@@ -199,13 +200,12 @@ def _test_parts(study: Study, rows: pd.DataFrame) -> list[Part]:
 def test_table(study: Study, tests: pd.DataFrame) -> Any:
     """Returns the table of the tests of `paired_tests`, with colours of the verdicts."""
     table = tests.copy()
-    for name, entries in (
-        ("condition", study.conditions),
-        ("tested", study.methods),
-        ("against", study.methods),
-    ):
-        if name in table:
-            table[name] = table[name].map(lambda key, entries=entries: entries[key].label)
+    if "condition" in table:
+        labels = {key: condition.label for key, condition in study.conditions.items()}
+        table["condition"] = pd.Categorical(table["condition"].map(labels), labels.values())
+        table = table.sort_values("condition", kind="stable")
+    labels = {key: method.label for key, method in study.methods.items()}
+    table[["tested", "against"]] = table[["tested", "against"]].map(labels.get)
     # Rounded outward, so that the interval keeps its coverage probability.
     ends = [np.floor(1000 * table.pop("low")) / 10, np.ceil(1000 * table.pop("high")) / 10]
     p, p_holm, verdict = (table.pop(name) for name in ("p", "p_holm", "verdict"))
@@ -266,25 +266,23 @@ def _interval_ends(shares: pd.Series) -> tuple[float, float]:
 
 
 def _axis_parts(
-    study: Study, rows: pd.DataFrame, axis: Axis, figures: Sequence[str], measures: Sequence[str]
+    study: Study, rows: pd.DataFrame, axis: Axis, measures: Sequence[str]
 ) -> list[Part]:
     """Returns a figure and a table of the measures over an axis."""
-    rows, parts = rows[rows[axis.name].notna()], []
+    rows = rows[rows[axis.name].notna()]
     if isinstance(axis, RandomAxis) and axis.kind == RANDOM_OBJECTS:
-        failed = rows[rows["held"] == False]  # noqa: E712
+        failed = rows[rows["held"].eq(False)]
         return [f"Not held: {', '.join(dict.fromkeys(map(str, failed[axis.name]))) or 'none'}."]
-    if figures:
-        few = "A point for each run."
-        caption = few if is_scattered(rows, axis) else "Medians, and the middle half of the runs."
-        parts.append(
-            Picture(plot_axis(rows, axis, figures, color_column(study, rows, axis)), caption)
-        )
+    caption = "Medians, and the middle half of the runs."
+    if is_scattered(rows, axis):
+        caption = "A point for each run."
+    figure = plot_axis(rows, axis, measures, color_column(study, rows, axis))
     by = rows[axis.name]
     if is_scattered(rows, axis) and by.nunique() > _MOST_GROUPS:
-        by = pd.qcut(by, 4, precision=4, duplicates="drop").astype(str)
+        by = pd.qcut(by, 4, precision=4, duplicates="drop")
     others = [n for n in ("condition", "method") if n in rows and rows[n].nunique() > 1]
     table = measure_table(rows, [*others[:1], by, *others[1:]], measures)
-    return [*parts, Table(table, "Medians, and the least and largest values.")]
+    return [Picture(figure, caption), Table(table, "Medians, and the least and largest values.")]
 
 
 def is_scattered(rows: pd.DataFrame, axis: Axis) -> bool:

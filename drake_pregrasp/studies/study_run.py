@@ -13,9 +13,9 @@ from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario, resolv
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import scenario_from_data
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
-from drake_pregrasp.studies.fitting_objects import fits, opening
-from drake_pregrasp.studies.goal_sources import RegisteredSource
-from drake_pregrasp.studies.grasp_trial import GraspTrial
+from drake_pregrasp.studies.grasps.fitting_objects import fits, opening
+from drake_pregrasp.studies.grasps.goal_sources import RegisteredSource
+from drake_pregrasp.studies.grasps.grasp_trial import GraspTrial
 from drake_pregrasp.studies.measures import SimulatedRun, measure
 from drake_pregrasp.studies.study_axes import RANDOM_OBJECTS
 from drake_pregrasp.studies.study_file import Study

@@ -7,10 +7,10 @@ from dataclasses import fields
 
 import numpy as np
 import pandas as pd
-from pydrake.math import RigidTransform, RotationMatrix
-
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import Outcome, TrialJob
+from pydrake.math import RigidTransform, RotationMatrix
+
 from drake_pregrasp.systems.loggers import GraspRecord
 
 MEASURES = [field.name for field in fields(Outcome) if field.type in (int, float)]

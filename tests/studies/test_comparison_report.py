@@ -8,12 +8,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from conftest import slow
-from made_up_trials import failing_trial, rows_of
-from PIL import Image
-
-from drake_pregrasp import OutputError
-from drake_pregrasp.cli import main
-from drake_pregrasp.studies.report_page import Picture
 from drake_pregrasp.studies.static_versus_dynamic import comparison_command, comparison_report
 from drake_pregrasp.studies.static_versus_dynamic.comparison_command import trial_jobs
 from drake_pregrasp.studies.static_versus_dynamic.comparison_report import write_comparison
@@ -21,6 +15,12 @@ from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import TOUCHING_N
 from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS
 from drake_pregrasp.studies.static_versus_dynamic.paired_statistics import paired_tests
+from made_up_trials import failing_trial, rows_of
+from PIL import Image
+
+from drake_pregrasp import OutputError
+from drake_pregrasp.cli import main
+from drake_pregrasp.studies.report_page import Picture
 
 ROWS = rows_of(trial_jobs(CONDITIONS, METHODS, range(4)))
 

@@ -7,14 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from drake_pregrasp.studies.faults import FaultJob, percent
+from drake_pregrasp.studies.filter_consistency import FILTERS, TICKS, band
 from pydrake.math import RigidTransform, RotationMatrix
 
 from drake_pregrasp import TrackingStatus, load_scenario, resolve
 from drake_pregrasp.cli import main
 from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.studies import faults, filter_consistency
-from drake_pregrasp.studies.faults import FaultJob, percent
-from drake_pregrasp.studies.filter_consistency import FILTERS, TICKS, band
 from drake_pregrasp.systems.loggers import TickRecord
 
 SCENARIO = load_scenario("fault_outliers")

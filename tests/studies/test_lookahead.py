@@ -5,10 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from pydrake.math import RigidTransform, RotationMatrix
-
-from drake_pregrasp.contacts.selection_input import ContactStatus
-from drake_pregrasp.studies import lookahead
 from drake_pregrasp.studies.lookahead import (
     CASES,
     PERIOD,
@@ -16,6 +12,10 @@ from drake_pregrasp.studies.lookahead import (
     lookahead_scenario,
     run_lookahead,
 )
+from pydrake.math import RigidTransform, RotationMatrix
+
+from drake_pregrasp.contacts.selection_input import ContactStatus
+from drake_pregrasp.studies import lookahead
 
 
 @pytest.mark.slow

@@ -8,16 +8,16 @@ import zlib
 import numpy as np
 import pandas as pd
 import pytest
-
-from drake_pregrasp.cli import main
-from drake_pregrasp.config.object_config import Box, Cylinder, Mesh
-from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.simulation.hand_file import load_hand, made_hand
 from drake_pregrasp.studies.objects import object_sets, objects_command
 from drake_pregrasp.studies.objects.object_report import cause_table, share_table
 from drake_pregrasp.studies.objects.object_sets import drawn_objects, fits, opening
 from drake_pregrasp.studies.objects.object_trial import ObjectJob, make_scenario, run_trial
 from drake_pregrasp.studies.objects.objects_command import object_jobs, study_objects
+
+from drake_pregrasp.cli import main
+from drake_pregrasp.config.object_config import Box, Cylinder, Mesh
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.simulation.hand_file import load_hand, made_hand
 
 HAND = "five_finger_hand"
 CAUSES = ("", "slipped", "refused: reach", "knocked over")

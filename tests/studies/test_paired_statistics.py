@@ -4,11 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from conftest import slow
+from drake_pregrasp.studies.static_versus_dynamic.paired_statistics import least_pairs, paired_tests
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binomtest, multinomial
-
-from drake_pregrasp.studies.static_versus_dynamic.paired_statistics import least_pairs, paired_tests
 
 
 def rows_of(pairs, condition="nominal", close_at=4.0, baseline="fixed_plan"):

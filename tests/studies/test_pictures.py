@@ -4,16 +4,16 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from drake_pregrasp.studies.shape_study import study_shapes
 from PIL import Image
 from pydrake.geometry import Rgba, SceneGraph, Sphere
 from pydrake.math import RigidTransform
 
 from drake_pregrasp import load_resolved
-from drake_pregrasp.studies import gallery, pictures, shape_study
-from drake_pregrasp.studies.film import film_scenario
-from drake_pregrasp.studies.gallery import FRAME_TIME, film_grasp, make_gallery
-from drake_pregrasp.studies.pictures import WHITE, Light
-from drake_pregrasp.studies.shape_study import study_shapes
+from drake_pregrasp.studies.gallery import gallery, pictures
+from drake_pregrasp.studies.gallery.film import film_scenario
+from drake_pregrasp.studies.gallery.gallery import FRAME_TIME, film_grasp, make_gallery
+from drake_pregrasp.studies.gallery.pictures import WHITE, Light
 
 FORWARD = [0.0, 0.0, 1.0]
 MIDDLE, CORNER = (10, 10), (0, 0)

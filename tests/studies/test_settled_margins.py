@@ -1,10 +1,10 @@
 """Steady-state contacts of the planner."""
 
 import pytest
+from drake_pregrasp.studies.settled_margins import margin_of, settled_margin
 
 from drake_pregrasp import PlannerConfig
 from drake_pregrasp.studies import settled_margins
-from drake_pregrasp.studies.settled_margins import margin_of, settled_margin
 
 
 def test_the_margin_strategy_settles_at_a_better_margin(surface, p_OC):

@@ -10,6 +10,13 @@ import pandas as pd
 import pytest
 import yaml
 from conftest import usable_studies
+from drake_pregrasp.studies.sweep import sweep_report
+from drake_pregrasp.studies.sweep.field_path import read_field, set_field
+from drake_pregrasp.studies.sweep.measures import MEASURES
+from drake_pregrasp.studies.sweep.study_file import load_study, named_files
+from drake_pregrasp.studies.sweep.sweep_command import STUDY, SweepRun, sweep
+from drake_pregrasp.studies.sweep.sweep_plan import GridAxis, RandomAxis, SweepPlan, random_axis
+from drake_pregrasp.studies.sweep.sweep_report import axis_table, write_sweep_report
 from hypothesis import given
 from hypothesis import strategies as st
 from made_up_jobs import write_study
@@ -24,13 +31,6 @@ from drake_pregrasp.simulation.scenario_file import scenario_data, scenario_from
 from drake_pregrasp.simulation.summary import MARGINS
 from drake_pregrasp.simulation.yaml_text import dump_yaml
 from drake_pregrasp.studies.runner import FAILED, JOURNAL, ROWS, SETTINGS, StudyRows
-from drake_pregrasp.studies.sweep import sweep_report
-from drake_pregrasp.studies.sweep.field_path import read_field, set_field
-from drake_pregrasp.studies.sweep.measures import MEASURES
-from drake_pregrasp.studies.sweep.study_file import load_study, named_files
-from drake_pregrasp.studies.sweep.sweep_command import STUDY, SweepRun, sweep
-from drake_pregrasp.studies.sweep.sweep_plan import GridAxis, RandomAxis, SweepPlan, random_axis
-from drake_pregrasp.studies.sweep.sweep_report import axis_table, write_sweep_report
 
 
 def sweep_run(study):

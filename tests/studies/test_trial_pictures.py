@@ -3,17 +3,17 @@
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from made_up_trials import rows_of, state_of
-from matplotlib.image import imread
-
 from drake_pregrasp.studies.static_versus_dynamic import trial_pictures
 from drake_pregrasp.studies.static_versus_dynamic.comparison_command import trial_jobs
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import TrialJob
 from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS
 from drake_pregrasp.studies.static_versus_dynamic.trial import make_trial
+from hypothesis import given
+from hypothesis import strategies as st
+from made_up_trials import rows_of, state_of
+from matplotlib.image import imread
+
 from drake_pregrasp.systems.drawing import contact_color
 
 

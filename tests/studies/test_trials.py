@@ -6,20 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from driven import Driven
-from five_finger_hand import AROUND, FRAMES, HAND, bus, points_of
-from made_up_trials import record, state_of
-from pydrake.math import RigidTransform, RotationMatrix
-
-from drake_pregrasp.config.grasp_config import GraspConfig
-from drake_pregrasp.config.limits_config import LimitsConfig
-from drake_pregrasp.contacts.assignment import wrapped
-from drake_pregrasp.contacts.selection_input import ContactStatus
-from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
-from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspState
-from drake_pregrasp.quality.grasp_quality import grasp_quality
-from drake_pregrasp.regions.constraints import Obstacles
-from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.studies.static_versus_dynamic import grasp_outcome, methods
 from drake_pregrasp.studies.static_versus_dynamic.baseline_goals import (
     RayTarget,
@@ -36,6 +22,20 @@ from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import (
 )
 from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS, rays_at
 from drake_pregrasp.studies.static_versus_dynamic.trial import make_trial, run_trial
+from driven import Driven
+from five_finger_hand import AROUND, FRAMES, HAND, bus, points_of
+from made_up_trials import record, state_of
+from pydrake.math import RigidTransform, RotationMatrix
+
+from drake_pregrasp.config.grasp_config import GraspConfig
+from drake_pregrasp.config.limits_config import LimitsConfig
+from drake_pregrasp.contacts.assignment import wrapped
+from drake_pregrasp.contacts.selection_input import ContactStatus
+from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
+from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspState
+from drake_pregrasp.quality.grasp_quality import grasp_quality
+from drake_pregrasp.regions.constraints import Obstacles
+from drake_pregrasp.simulation.simulation_diagram import make_diagram
 
 CUBE = BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1))
 CORNERS = 0.05 * np.array(list(itertools.product((-1, 1), repeat=3)))

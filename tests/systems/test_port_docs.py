@@ -9,6 +9,12 @@ import re
 import numpy as np
 import pytest
 import yaml
+from drake_pregrasp.studies.static_versus_dynamic.baseline_goals import (
+    RayTarget,
+    ReactiveChoice,
+    StationaryHand,
+)
+from drake_pregrasp.studies.static_versus_dynamic.methods import Reassignment
 from driven import port_names
 from made_systems import AROUND, FRAMES
 from pydrake.geometry import Meshcat, MeshcatParams
@@ -20,12 +26,6 @@ import drake_pregrasp.systems
 from drake_pregrasp import LimitsConfig, load_scenario
 from drake_pregrasp.geometry.solids import BoxSolid
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
-from drake_pregrasp.studies.static_versus_dynamic.baseline_goals import (
-    RayTarget,
-    ReactiveChoice,
-    StationaryHand,
-)
-from drake_pregrasp.studies.static_versus_dynamic.methods import Reassignment
 
 CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)))
 SCENARIOS = ("toss", "pose_stream", "reach", "passing_ball", "grasp_five_finger")

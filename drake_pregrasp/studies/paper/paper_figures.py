@@ -15,8 +15,8 @@ from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.safe_regions import NO_REGION, compute_safe_regions
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.scenario_file import load_scenario
+from drake_pregrasp.studies.gallery.pictures import ByteArray, render_goals
 from drake_pregrasp.studies.paper.paper_cases import SCENARIOS, CaseLog
-from drake_pregrasp.studies.pictures import ByteArray, render_goals
 
 # Okabe and Ito's colour-blind-safe set. Dashes keep overlapping lines visible.
 _BLUE, _ORANGE, _GREEN, _PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"

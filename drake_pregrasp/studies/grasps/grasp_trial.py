@@ -11,9 +11,9 @@ from drake_pregrasp.diagrams.grasping_hand import GoalInputs
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState, state_unpacker
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
-from drake_pregrasp.studies.baseline_goals import StationaryHand
-from drake_pregrasp.studies.goal_sources import RegisteredSource
-from drake_pregrasp.studies.grasp_outcome import Outcome, Status, grasp_outcome
+from drake_pregrasp.studies.grasps.baseline_goals import StationaryHand
+from drake_pregrasp.studies.grasps.goal_sources import RegisteredSource
+from drake_pregrasp.studies.grasps.grasp_outcome import Outcome, Status, grasp_outcome
 from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
 
 _CLOSE_DELAY = 3  # Control ticks between a stationary hand's jump to the object and the closing.
@@ -32,7 +32,6 @@ class GraspTrial:
 
     Attributes:
         resolved: The scenario.
-        hand: Model of the hand.
         diagram: Simulated diagram.
         goals: System that emits the hand's `fingertip_targets` and `contact_status`.
         context: Context of the diagram.
@@ -42,11 +41,10 @@ class GraspTrial:
     """
 
     def __init__(self, resolved: ResolvedScenario, source: RegisteredSource | None = None) -> None:
-        assert resolved.hand is not None
         if source is not None:  # It chooses contacts for all fingers.
             everywhere = np.ones(resolved.num_contacts, dtype=bool)
             resolved = replace(resolved, start=replace(resolved.start, has_contact=everywhere))
-        self.resolved, self.hand = resolved, resolved.hand
+        self.resolved = resolved
         self._period = resolved.planner.period
         self.ticks: list[TickRecord] = []
         self.records: list[GraspRecord] = []
@@ -92,14 +90,13 @@ class GraspTrial:
         """
         for close_at in closing_times:
             self.track(close_at)
-            saved, lengths = self.context.Clone(), (len(self.ticks), len(self.records))
+            saved, ticks, records = self.context.Clone(), len(self.ticks), len(self.records)
             state = self.grasp(close_at)
             yield grasp_outcome(close_at, self.records, self.statuses, state)
             if close_at != closing_times[-1]:
                 self.context.SetTimeStateAndParametersFrom(saved)
                 self._simulator.Initialize()
-                for records, length in zip((self.ticks, self.records), lengths, strict=True):
-                    del records[length:]
+                del self.ticks[ticks:], self.records[records:]
 
     def track(self, until: float) -> None:
         """Tracks the object until a time in seconds, which is a tick of the planner."""
@@ -119,7 +116,7 @@ class GraspTrial:
         controller = self.diagram.GetSubsystemByName("hand_controller")
         sequencer = controller.GetSubsystemByName("grasp_sequencer")
         context = sequencer.GetMyContextFromRoot(self.context)
-        unpack = state_unpacker(len(self.hand.tip_radii))
+        unpack = state_unpacker(self.resolved.num_contacts)
         return unpack(context.get_discrete_state(0).value())
 
     def _advance(self) -> None:

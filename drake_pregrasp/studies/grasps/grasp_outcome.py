@@ -11,7 +11,7 @@ from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState, describe_give_up
-from drake_pregrasp.studies.failure_cause import failure_cause, tilt_deg
+from drake_pregrasp.studies.grasps.failure_cause import failure_cause, tilt_deg
 from drake_pregrasp.systems.loggers import GraspRecord
 
 LIFTED_ABOVE_MM = 80.0

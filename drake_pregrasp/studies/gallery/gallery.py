@@ -14,8 +14,8 @@ from drake_pregrasp.simulation.output import make_folder, writing
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.run import run
 from drake_pregrasp.simulation.scenario_file import load_resolved, shipped_scenarios
-from drake_pregrasp.studies.film import SceneCamera, write_film
-from drake_pregrasp.studies.pictures import ByteArray, render_goals
+from drake_pregrasp.studies.gallery.film import SceneCamera, write_film
+from drake_pregrasp.studies.gallery.pictures import ByteArray, render_goals
 from drake_pregrasp.studies.report_page import Heading, Part, write_report
 from drake_pregrasp.studies.runner import OnProgress, run_jobs
 from drake_pregrasp.systems.loggers import TickRecord

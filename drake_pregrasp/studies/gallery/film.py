@@ -17,8 +17,8 @@ from drake_pregrasp.simulation.output import make_folder, replacing, writing
 from drake_pregrasp.simulation.recording import CameraView, camera_view, make_timeline
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
-from drake_pregrasp.studies import pictures
-from drake_pregrasp.studies.pictures import ByteArray, Light
+from drake_pregrasp.studies.gallery import pictures
+from drake_pregrasp.studies.gallery.pictures import ByteArray, Light
 from drake_pregrasp.systems.drawing import VOLUME_COLOR, drawn_solid
 from drake_pregrasp.systems.loggers import GraspRecord
 from drake_pregrasp.systems.pregrasp_visualizer import GHOST_COLOR, are_apart

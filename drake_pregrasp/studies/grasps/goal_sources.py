@@ -8,7 +8,7 @@ from pydrake.systems.framework import DiagramBuilder, System
 from drake_pregrasp.diagrams.grasping_hand import GoalInputs
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
-from drake_pregrasp.studies.baseline_goals import RayTarget, ReactiveChoice, StationaryHand
+from drake_pregrasp.studies.grasps.baseline_goals import RayTarget, ReactiveChoice, StationaryHand
 
 RegisteredSource = Callable[[ResolvedScenario, DiagramBuilder, GoalInputs], System]
 """Function that adds a system with the outputs `fingertip_targets` and `contact_status`.

@@ -1,0 +1,1 @@
+"""Simulated grasps of a study: sources of goals, trials and their outcomes."""
