@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from drake_pregrasp.studies.sweep.study_file import shipped_studies
+from drake_pregrasp.studies.study_file import shipped_studies
 from hypothesis import settings
 from selections import selection_of
 
@@ -116,7 +116,7 @@ SLOW_TO_LOAD = (
     *("finger_measures", "grasp_from_side", "grasp_shadow"),
     *("random_boxes", "random_boxes_allegro", "independence", "reassignment"),
 )
-"""Scenarios and sweeps whose start contacts take seconds to choose."""
+"""Scenarios and studies whose start contacts take seconds to choose."""
 
 
 def usable_scenarios() -> list[Any]:
@@ -126,7 +126,7 @@ def usable_scenarios() -> list[Any]:
 
 
 def usable_studies() -> list[Any]:
-    """The names of the shipped sweeps; those of robots that are not there are skipped."""
+    """The names of the shipped studies; those of robots that are not there are skipped."""
     return _usable(shipped_studies(), {"random_boxes_allegro": lacking_robots()})
 
 

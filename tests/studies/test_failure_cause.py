@@ -4,8 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from drake_pregrasp.studies.static_versus_dynamic.failure_cause import failure_cause
-from made_up_trials import record
+from drake_pregrasp.studies.grasps.failure_cause import failure_cause
+from made_up_records import record
 
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.contacts.selection_input import ContactStatus

@@ -4,10 +4,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from conftest import slow
-from drake_pregrasp.studies.static_versus_dynamic.paired_statistics import least_pairs, paired_tests
+from drake_pregrasp.studies import paired_tests as statistics
+from drake_pregrasp.studies.paired_tests import least_pairs
+from drake_pregrasp.studies.study_config import PairedTest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import binomtest, multinomial
+from scipy.stats import binomtest, multinomial, wilcoxon
 
 
 def rows_of(pairs, condition="nominal", close_at=4.0, baseline="fixed_plan"):
@@ -20,6 +22,13 @@ def rows_of(pairs, condition="nominal", close_at=4.0, baseline="fixed_plan"):
             for m, k in both
         ]
     )
+
+
+def paired_tests(rows, measure="clean"):
+    others = [key for key in rows["method"].unique() if key != "dynamic_reach"]
+    test = PairedTest("dynamic_reach", others, measure)
+    cell = ["condition", "close_at"]
+    return statistics.paired_tests(rows, [test], cell=cell, pair=["seed"])
 
 
 def counts_to_pairs(gained, lost, equal=0):
@@ -78,5 +87,18 @@ def test_only_common_seeds_and_only_the_tested_method_are_compared():
     assert (test.pairs, test.gained, test.lost) == (10, 10, 0)
     baselines = pd.concat([kept, rows_of(counts_to_pairs(20, 0), baseline="reassigned")])
     tests = paired_tests(baselines.drop_duplicates(["method", "seed"]))
-    assert set(tests["method"]) == {"fixed_plan", "reassigned"}
+    assert set(tests["against"]) == {"fixed_plan", "reassigned"}
     assert paired_tests(rows[rows["method"] == "fixed_plan"]).empty
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_numbers_are_compared_by_signed_ranks(sign):
+    differences = np.array([0.5, 1.0, 1.5, 2.0, 2.5, -0.1, 3.0, 3.5, 4.0, 4.5])
+    rows = rows_of([(True, True)] * 10).astype({"clean": object})
+    tested = rows["method"] == "dynamic_reach"
+    rows["slip"] = np.where(tested, 1 + sign * np.repeat(differences, 2), 1.0)
+    (test,) = paired_tests(rows, "slip").itertuples()
+    assert test.p == pytest.approx(wilcoxon(differences).pvalue)
+    assert {test.gained, test.lost} == {9, 1}
+    assert test.verdict == ("larger" if sign > 0 else "smaller")
+    assert np.isnan(test.low)
