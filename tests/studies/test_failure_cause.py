@@ -4,12 +4,12 @@ import dataclasses
 
 import numpy as np
 import pytest
-from drake_pregrasp.studies.grasps.failure_cause import failure_cause
 from made_up_records import record
 
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspState
+from drake_pregrasp.studies.grasps.failure_cause import failure_cause
 
 TRACKED = [record(0.0, GraspPhase.APPROACH), record(2.0, GraspPhase.TRACK)]
 CLOSED = [*TRACKED, record(3.0, GraspPhase.CLOSE)]

@@ -1,106 +1,45 @@
-"""Trials of the study: goals of the methods, random starts, and outcomes of grasps."""
+"""Trials of a study: goals of the methods, their diagrams, and outcomes of grasps."""
 
 import dataclasses
 import itertools
-from dataclasses import replace
+import re
 
 import numpy as np
 import pytest
-from drake_pregrasp.studies.static_versus_dynamic import grasp_outcome, methods
-from drake_pregrasp.studies.static_versus_dynamic.baseline_goals import (
-    RayTarget,
-    ReactiveChoice,
-    StationaryHand,
-    antipodal_grasps,
-)
-from drake_pregrasp.studies.static_versus_dynamic.comparison_command import compare_methods
-from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS, random_start
-from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import (
-    CLEAN_BELOW,
-    GoalSample,
-    TrialJob,
-)
-from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS, rays_at
-from drake_pregrasp.studies.static_versus_dynamic.trial import make_trial, run_trial
 from driven import Driven
-from five_finger_hand import AROUND, FRAMES, HAND, bus, points_of
-from made_up_trials import record, state_of
+from five_finger_hand import AROUND, FRAMES
+from made_up_jobs import write_study
+from made_up_records import record, state_of
 from pydrake.math import RigidTransform, RotationMatrix
 
+from drake_pregrasp.cli import main
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.limits_config import LimitsConfig
+from drake_pregrasp.config.object_config import Box, Cylinder
 from drake_pregrasp.contacts.assignment import wrapped
 from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspState
-from drake_pregrasp.quality.grasp_quality import grasp_quality
 from drake_pregrasp.regions.constraints import Obstacles
+from drake_pregrasp.simulation.hand_file import load_hand, made_hand
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
+from drake_pregrasp.studies.grasps import grasp_outcome
+from drake_pregrasp.studies.grasps.baseline_goals import (
+    RayTarget,
+    ReactiveChoice,
+    StationaryHand,
+    antipodal_grasps,
+    rays_at,
+)
+from drake_pregrasp.studies.grasps.fitting_objects import fits, opening
+from drake_pregrasp.studies.grasps.goal_sources import GOAL_SOURCES
+from drake_pregrasp.studies.grasps.grasp_outcome import CLEAN_BELOW
+from drake_pregrasp.studies.study_file import load_study
+from drake_pregrasp.studies.study_run import StudyRun
 
 CUBE = BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1))
 CORNERS = 0.05 * np.array(list(itertools.product((-1, 1), repeat=3)))
 TARGET = RayTarget(CUBE, CORNERS, np.zeros(3))
-
-
-@pytest.mark.parametrize("condition", CONDITIONS.values(), ids=CONDITIONS)
-def test_starts_are_those_of_the_seed_apart_and_in_reach(condition):
-    low, high = condition.scenario.scenario.grasp.yaw_range
-    seen = []
-    for seed in range(3):
-        drawn, again = (random_start(condition.scenario, seed=seed).resolved for _ in range(2))
-        start, damage = drawn.start, drawn.scenario.damage
-        np.testing.assert_array_equal(start.p_OC, again.start.p_OC)
-        distances = np.linalg.norm(start.p_OC[:, None] - start.p_OC, axis=2) + np.eye(5)
-        assert np.min(distances) >= 0.024
-        aside = wrapped(np.arctan2(start.p_OC[:, 1], start.p_OC[:, 0]) - AROUND - start.yaw)
-        assert np.all(np.abs(aside) <= HAND.largest_offsets + 1e-4)
-        assert low <= start.yaw <= high
-        lost = [finger for event in damage for finger in event.contacts]
-        assert len(set(lost)) == {"one_lost": 1, "two_lost": 2}.get(condition.key, 0)
-        seen.append(start.p_OC)
-    assert not np.array_equal(seen[0], seen[1])
-
-
-def initial_contacts(method, seed):
-    """Returns the contacts in O at the start of a trial under `turning`, and their normals."""
-    trial = make_trial(TrialJob("turning", method, seed))
-    context = trial.planner.GetMyContextFromRoot(trial.context)
-    p_WC = trial.planner.GetOutputPort("p_WC").Eval(context).reshape(-1, 3)
-    X_WO = trial.planner.GetOutputPort("X_WO_estimated").Eval(context)
-    return trial.surface.project((X_WO.inverse() @ p_WC.T).T)
-
-
-@pytest.mark.slow
-def test_a_planned_start_is_a_better_grasp_within_reach():
-    reach = [tip.reach.make_reach() for tip in HAND.description.fingertips]
-    for seed in range(2):
-        planned, normals = initial_contacts("fixed_plan", seed)
-        random, _ = initial_contacts("dynamic", seed)
-        assert grasp_quality(planned).q_gii > grasp_quality(random).q_gii
-        # The wrist's range is limited: H is as the world, but for its place.
-        for finger, (p, n) in enumerate(zip(planned, normals, strict=True)):
-            assert reach[finger].permits(p[None], n[None], (p + 0.029 * n)[None])[0]
-
-
-def ring(turn):
-    rays = rays_at(AROUND + turn)
-    return bus(0.05 * rays, rays)
-
-
-def test_contacts_that_turn_away_go_to_the_next_finger_round_the_hand():
-    system = methods.Reassignment(FRAMES, azimuths=AROUND, period=0.05)
-    lost = {"contact_weights": [0, 0, -np.inf, 0, 0], "contact_status": np.arange(1.0, 6.0)}
-    driven = Driven(system, X_WH=RigidTransform(), **lost)
-    for index, turn in enumerate(np.arange(0.0, 7.0, 0.1)):
-        driven.fix(fingertip_targets=ring(turn))
-        driven.simulator.AdvanceTo(0.05 * index + 0.01)
-        points = points_of(driven.eval("fingertip_targets"))
-        aside = wrapped(np.arctan2(points[:, 1], points[:, 0]) - AROUND)
-        assert np.all(np.abs(aside) <= np.radians(40) + 1e-9)
-        status = driven.eval("contact_status")
-        assert status[2] == ContactStatus.LOST
-        given = [points_of(ring(turn)).tolist().index(p) for p in points.tolist()]
-        assert [status[f] for f in (0, 1, 3, 4)] == [given[f] + 1 for f in (0, 1, 3, 4)]
 
 
 def stationary_hand(close, *, obstacles=(), yaw=0.3):
@@ -249,12 +188,10 @@ def test_lost_fingers_and_obstructed_grasps_are_not_chosen():
     )
 
 
-def outcome_of(records, condition="nominal", samples=(), reason=GiveUp.NONE):
+def outcome_of(records, statuses=(), reason=GiveUp.NONE):
     first = GraspState.first(5, GraspConfig().make_settings())
     state = dataclasses.replace(first, active=np.array([True] * 4 + [False]), reason=reason)
-    radii = np.full(5, 0.009)
-    scenario = CONDITIONS[condition].scenario.scenario
-    return grasp_outcome.grasp_outcome(scenario, 2.0, records, samples, state, radii)
+    return grasp_outcome.grasp_outcome(2.0, records, statuses, state)
 
 
 def good_grasp(**last):
@@ -280,20 +217,21 @@ def test_a_grasp_is_read_from_what_was_seen():
         "link_on_object_n": 0.1,
         "link_on_surroundings_n": 0.2,
         "link_on_hand_n": 0.3,
-        "goal_in_area": np.nan,
-        "tip_in_area": np.nan,
+        "withdrawn": 1,
+        "cause": "",
     }
-    outcome = outcome_of(good_grasp())
+    statuses = [(1, 1, ContactStatus.OUT_OF_REACH, ContactStatus.LOST, 1)] * 3
+    outcome = outcome_of(good_grasp(), statuses)
     found = {name: getattr(outcome, name) for name in expected}
     assert found == pytest.approx(expected, abs=1e-3, nan_ok=True)
 
 
 def test_what_falls_tilts_or_exceeds_a_bound_is_not_clean():
     fallen, tilted = outcome_of(good_grasp(lift=0.07)), outcome_of(good_grasp(tilt=0.5))
-    assert (fallen.lifted, tilted.level) == (False, False)
+    assert (fallen.held, tilted.level) == (False, False)
     good = outcome_of(good_grasp())
     bounds = {name: (bound - 0.01, bound, np.nan) for name, bound in CLEAN_BELOW.items()}
-    for name, values in {**bounds, "lifted": (True, False), "level": (True, False)}.items():
+    for name, values in {**bounds, "held": (True, False), "level": (True, False)}.items():
         verdicts = [dataclasses.replace(good, **{name: value}).clean for value in values]
         assert verdicts == [True, False, False][: len(values)], name
 
@@ -309,39 +247,33 @@ def test_a_grasp_in_which_a_link_touches_anything_at_any_tick_is_not_clean(touch
 def test_a_grasp_that_gave_up_says_why_and_has_no_slip():
     records = [*good_grasp()[:3], record(3.0, GraspPhase.BACK_OFF)]
     outcome = outcome_of(records, reason=GiveUp.OUT_OF_BALANCE)
-    assert (outcome.lifted, outcome.clean) == (False, False)
+    assert (outcome.held, outcome.clean) == (False, False)
     assert np.isnan(outcome.slip_mm)
     assert outcome.gave_up.startswith("no squeeze balances the weight")
 
 
-def test_shares_in_the_area_are_those_of_the_ticks():
-    distances = (0.01, -0.001, 0.02, 0.03)
-    samples = [
-        GoalSample((1,) * (5 - k) + (ContactStatus.OUT_OF_REACH,) * k, distance)
-        for k, distance in enumerate(distances)
-    ]
-    for y, share in ((0.059, 0.0), (0.085, 1.0)):  # The wall's face is at 90 mm.
-        records = good_grasp()
-        for seen in records:
-            seen.p_WT[2, 1] = y
-        outcome = outcome_of(records, "wall", samples)
-        assert (outcome.goal_in_area, outcome.withdrawn, outcome.tip_in_area) == (0.25, 1.5, share)
+STUDY = load_study("static_versus_dynamic")
+RUN = StudyRun(STUDY, GOAL_SOURCES)
+METHODS = list(STUDY.methods)
+
+
+def job_of(condition, method, seed=3):
+    """Returns a job of the study, with a seed that its results do not use."""
+    study = load_study(STUDY.source, conditions=[condition], methods=[method], first_seed=seed)
+    return study.jobs()[0]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", METHODS)
-def test_each_method_can_be_tracked_and_set_back(method):
-    trial = make_trial(TrialJob("headline", method, 3))
+@pytest.mark.parametrize("method", ["stationary", "reactive", "dynamic_reach"])
+def test_each_source_can_be_tracked_and_set_back(method):
+    trial = RUN.trial(job_of("headline", method))
     trial.track(0.2)
-    assert len(trial.samples) == 4
+    assert len(trial.statuses) == 4
     saved, before = trial.context.Clone(), state_of(trial.context)
     trial.track(0.4)
     assert not np.array_equal(state_of(trial.context), before)
     trial.context.SetTimeStateAndParametersFrom(saved)
     np.testing.assert_array_equal(state_of(trial.context), before)
-    for sample in trial.samples:
-        assert sample.distance >= 0  # Of active goals.
-        assert sample.active + sample.withdrawn == 5
 
 
 def graph(diagram):
@@ -360,36 +292,94 @@ def graph(diagram):
 @pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_the_diagram_of_a_method_is_that_of_a_run_but_for_the_source_of_goals(method):
-    trial = make_trial(TrialJob("turning", method, 0))
-    run = make_diagram(replace(trial.resolved, planner=CONDITIONS["turning"].scenario.planner))
+    trial = RUN.trial(job_of("turning", method))
+    run = make_diagram(trial.resolved, sink=lambda record: None, grasp_sink=lambda record: None)
     (systems, links), (known, usual) = graph(trial.diagram), graph(run)
-    assert systems - known <= {"goal_source", "grasp_logger"}
     assert known <= systems
+    assert systems - known == ({"goal_source"} if STUDY.methods[method].goals else set())
     goals = {f"hand_controller.{port}" for port in ("fingertip_targets", "contact_status")}
     for source, target in links ^ usual:
-        own = {source.split(".")[0], target.split(".")[0]}
-        is_reach = target == "pregrasp_planner.X_WH"  # Methods without a reach do not read it.
-        assert own & {"goal_source", "grasp_logger"} or target in goals or is_reach
+        assert "goal_source" in (source.split(".")[0], target.split(".")[0]) or target in goals
+    assert {target for _, target in links} - {target for _, target in usual} <= {
+        f"goal_source.{port}" for port in ("X_WO_estimated", "contact_weights", "obstacles", "p_WT")
+    }
+    assert ("pregrasp_planner.tracking_status", "hand_controller.tracking_status") in links
 
 
 @pytest.mark.slow
 def test_earlier_closing_times_change_nothing():
-    job = TrialJob("headline", "dynamic_reach", 1)
-    some, none = make_trial(job), make_trial(job)
+    some, none = (RUN.trial(job_of("headline", "dynamic_reach")) for _ in range(2))
     first, last = some.outcomes((0.2, 0.4))
     (alone,) = none.outcomes((0.4,))
     assert (first.close_at, last.close_at) == (0.2, 0.4)
-    assert some.samples == none.samples
+    assert some.statuses == none.statuses
+    assert len(some.ticks) == len(none.ticks)
     assert repr(last) == repr(alone)  # In which nan is as nan is.
 
 
+HAND = made_hand(load_hand("package://drake_pregrasp/five_finger_hand.yaml"))
+
+
+def test_objects_fit_if_some_width_is_in_the_opening_and_a_tip_reaches_under_their_top():
+    limits = (0.02, 0.08)
+    assert fits(Box([0.2, 0.05, 0.05]).make_shape(), limits)
+    assert not fits(Box([0.2, 0.09, 0.05]).make_shape(), limits)
+    assert not fits(Cylinder(0.005, 0.1).make_shape(), limits)
+    assert not fits(Box([0.2, 0.05, 0.012]).make_shape(), limits)
+    # Two fingertips of the shipped hand have held boxes of 206 mm.
+    least, largest = opening(HAND)
+    assert least == pytest.approx(0.018)
+    assert 0.206 < largest < 0.4
+
+
+def grasp_study(tmp_path, **changes):
+    """A study of grasps in which a method differs in its goals."""
+    base = {"scenario": "grasp_five_finger", "grid": {}, "seeds": 1, "measures": ["held", "clean"]}
+    overrides = {"plant_config": {"time_step": 0.01}, "initial_contacts": [], "grasp.close_at": 2.5}
+    return write_study(tmp_path, **{**base, "overrides": overrides, **changes})
+
+
 @pytest.mark.slow
-def test_a_tiny_study_grasps_and_reports(tmp_path):
-    job = TrialJob("nominal", "dynamic_reach", 0)
-    found, report = compare_methods(tmp_path, [job], processes=1)
-    assert (found.wanted, found.made, len(found.failed)) == (1, 1, 0)
-    here = run_trial(job)
-    assert all(row["clean"] for row in here)
-    columns = list(here[0])
-    assert repr(found.rows[columns].to_dict("records")) == repr(here)  # In which nan is as nan is.
-    assert b"dynamic with reach" in report.read_bytes()
+def test_an_object_without_a_grasp_is_refused_with_what_is_missing(tmp_path):
+    grid = {
+        "object": {
+            "slab": {"object": {"size": [0.25, 0.25, 0.012], "mass": 0.1}},
+            "heavy": {"object": {"size": [0.06, 0.06, 0.06], "mass": 20.0}},
+        }
+    }
+    study = load_study(grasp_study(tmp_path, grid=grid, closing_times=[2.0, 3.0]))
+    for job, cause, why in zip(
+        study.jobs(), ("refused: room", "refused"), ("fingertips", "N"), strict=True
+    ):
+        rows = StudyRun(study, {})(job)
+        assert [row["close_at"] for row in rows] == [2.0, 3.0]
+        for row in rows:
+            assert (row["held"], row["clean"], row["cause"]) == (False, False, cause)
+            assert why in row["gave_up"]
+
+
+@pytest.mark.slow
+def test_a_run_without_a_grasp_has_other_settings_only_if_there_are_some(tmp_path):
+    # Fingers from above reach 0.15 m below the top.
+    overrides = {
+        "initial_contacts": [],
+        "surface.spacing": 0.02,
+        "surface.forbidden_faces": [],
+    }
+    text = """{overrides: {surface.no_touch: [!BehindPlane {point: [0.0, 0.0, 0.0],
+        normal: [0.0, 0.0, -1.0]}], object: !Cylinder {radius: 0.03, length: 0.32, mass: 0.4}},
+        otherwise: {grasp.approaches: [side]}}"""
+    study = load_study(grasp_study(tmp_path, overrides=overrides), text=text)
+    (job,) = study.jobs()
+    assert StudyRun(study, {}).resolved(job).scenario.grasp.approaches == ["side"]
+
+
+@pytest.mark.slow
+def test_a_study_of_grasps_from_the_command_to_the_report(tmp_path, capsys):
+    methods = {"plan": {}, "reactive": {"goals": "reactive"}}
+    file = grasp_study(tmp_path, methods=methods, tests=[{"method": "plan"}])
+    assert main(["study", file, "--out", str(tmp_path), "--processes", "1"]) == 0
+    assert capsys.readouterr().out.startswith("2 of 2 runs are complete\n")
+    text = (tmp_path / "mine" / "report.md").read_text(encoding="utf-8")
+    (line,) = re.findall(r"^\| 2\.5 +\|.*$", text, flags=re.MULTILINE)
+    assert line.split("|")[2].strip().startswith("1 of 1")

@@ -4,12 +4,13 @@ import numpy as np
 import pandas as pd
 import pytest
 from conftest import slow
-from drake_pregrasp.studies import paired_tests as statistics
-from drake_pregrasp.studies.paired_tests import least_pairs
-from drake_pregrasp.studies.study_config import PairedTest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binomtest, multinomial, wilcoxon
+
+from drake_pregrasp.studies import paired_tests as statistics
+from drake_pregrasp.studies.paired_tests import least_pairs
+from drake_pregrasp.studies.study_config import PairedTest
 
 
 def rows_of(pairs, condition="nominal", close_at=4.0, baseline="fixed_plan"):

@@ -4,7 +4,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from drake_pregrasp.studies.shape_study import study_shapes
 from PIL import Image
 from pydrake.geometry import Rgba, SceneGraph, Sphere
 from pydrake.math import RigidTransform
@@ -114,16 +113,3 @@ def test_the_gallery_shows_a_picture_of_each_scenario(tmp_path, monkeypatch):
     text = make_gallery(tmp_path).read_text()
     assert (tmp_path / "gallery" / "box.png").stat().st_size > 10_000
     assert f"### `box`: {shown['box'][1]}\n\n![box](gallery/box.png)" in text
-
-
-@pytest.mark.slow
-def test_the_table_of_shapes_has_all_ticks_of_all_seeds(tmp_path, monkeypatch):
-    monkeypatch.setattr(shape_study, "SHIPPED", ("box",))
-    monkeypatch.setattr(shape_study, "unseen_meshes", dict)
-    text = study_shapes(tmp_path, seeds=(0, 1), duration=4.2).read_text()
-    (row,) = (line for line in text.splitlines() if line.startswith("| box"))
-    shape, number, off_mesh, *counts = [cell.strip() for cell in row.strip("|").split("|")]
-    assert (shape, number) == ("box", "170")
-    assert float(off_mesh) < 1e-6
-    assert counts[:3] == ["0", "0", "0"]
-    assert 2.2 < float(counts[3]) < float(counts[4]) < 5**0.5

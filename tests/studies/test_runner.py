@@ -151,7 +151,7 @@ def test_a_folder_in_use_is_refused(tmp_path):
 )
 def test_a_study_that_is_ended_keeps_its_rows_and_says_so(tmp_path, number, rows, delay):
     """A terminal interrupts all processes, those too that have only just begun."""
-    command = [sys.executable, "-m", "drake_pregrasp", "sweep", write_study(tmp_path, seeds=10)]
+    command = [sys.executable, "-m", "drake_pregrasp", "study", write_study(tmp_path, seeds=10)]
     folder = tmp_path / "out" / "mine"
     journal = folder / JOURNAL
     with subprocess.Popen(
@@ -224,7 +224,7 @@ def test_workers_with_another_package_are_refused(again, cluster, monkeypatch):
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere", "tcp://no.such.host:1"])
 def test_a_scheduler_that_does_not_answer_is_one_line(address, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(workers, "TIMEOUT", 0.5)
-    command = ["sweep", write_study(tmp_path), "--scheduler", address, "--out", str(tmp_path)]
+    command = ["study", write_study(tmp_path), "--scheduler", address, "--out", str(tmp_path)]
     assert main(command) == 2
     captured = capsys.readouterr()
     assert f"--scheduler: {address}: no scheduler answers within 0.5 s" in captured.err
