@@ -262,8 +262,8 @@ def _base(
 def _chosen(option: str, wanted: Sequence[str], known: Mapping[str, Any]) -> tuple[str, ...]:
     for key in wanted:
         if key not in known or not key:
-            listed = ", ".join(filter(None, known)) or "none"
-            raise ScenarioError(f"--{option}", key, f"there is none with this key; {listed}")
+            hint = nearest(key, list(filter(None, known)) or ["none"])
+            raise ScenarioError(f"--{option}", key, f"there is none with this key; {hint}")
     return tuple(key for key in known if key in wanted or not wanted)
 
 
@@ -325,8 +325,8 @@ def _find(name_or_file: str) -> Path:
     if file.suffix in (".yaml", ".yml"):
         return file
     if name_or_file not in shipped:
-        problem = f"no such study; give a file that ends in .yaml, or one of: {', '.join(shipped)}"
-        raise ScenarioError("", name_or_file, problem)
+        hint = nearest(name_or_file, shipped, "give a file that ends in .yaml, or one of")
+        raise ScenarioError("", name_or_file, f"no such study; {hint}")
     return shipped[name_or_file]
 
 

@@ -381,5 +381,5 @@ def test_a_study_of_grasps_from_the_command_to_the_report(tmp_path, capsys):
     assert main(["study", file, "--out", str(tmp_path), "--processes", "1"]) == 0
     assert capsys.readouterr().out.startswith("2 of 2 runs are complete\n")
     text = (tmp_path / "mine" / "report.md").read_text(encoding="utf-8")
-    (line,) = re.findall(r"^\| 2\.5 +\|.*$", text, flags=re.MULTILINE)
+    line, *_ = re.findall(r"^\| 2\.5 +\|.*$", text, flags=re.MULTILINE)
     assert line.split("|")[2].strip().startswith("1 of 1")

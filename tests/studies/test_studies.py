@@ -142,8 +142,11 @@ def test_the_content_of_a_study_is_a_file_of_the_same_study(tmp_path):
 @pytest.mark.parametrize(
     ("options", "problem"),
     [
-        ({"conditions": ["quick"]}, "--conditions: quick: there is none with this key; slow, fast"),
-        ({"methods": [""]}, "--methods: there is none with this key; msv, position"),
+        (
+            {"conditions": ["quick"]},
+            "--conditions: quick: there is none with this key; there are: slow, fast",
+        ),
+        ({"methods": [""]}, "--methods: there is none with this key; there are: msv, position"),
         ({"text": "{sead: 1}"}, "study text: sead: unknown key (value 1); did you mean seeds?"),
         ({"text": "[1]"}, "study text: [1] must be a mapping"),
     ],

@@ -140,7 +140,8 @@ def test_tests_compare_the_same_runs_of_each_cell(grasps, method):
     table = page.data.data
     own = table[table["against"] == method]
     assert own["condition"].tolist() == ["no <b> wind"] * 2 + ["windy"] * 2
-    held = rows.set_index(["condition", "close_at", "method", "planner.period", "seed"])["held"]
+    keys = ["condition", "close_at", "method", "planner.period", "seed"]
+    held = rows.set_index(keys)["held"].sort_index()
     for line, (condition, time) in zip(
         own.to_dict("records"), itertools.product(("calm", "windy"), (1.0, 2.0)), strict=True
     ):
