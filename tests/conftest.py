@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from drake_pregrasp.studies.study_file import shipped_studies
 from hypothesis import settings
 from selections import selection_of
 
@@ -27,6 +26,7 @@ from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.resources import python_package, resource_folder
 from drake_pregrasp.robots.allegro_panda import find_robot_data
 from drake_pregrasp.robots.robot_models import robot_model
+from drake_pregrasp.studies.study_file import shipped_studies
 
 # The same examples every time; machines differ too much for deadlines.
 settings.register_profile("repeatable", derandomize=True, deadline=None)

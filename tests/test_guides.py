@@ -2,19 +2,12 @@ import dataclasses
 import re
 import runpy
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
-from drake_pregrasp.studies.static_versus_dynamic.comparison_command import SEEDS
-from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
-from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import CLEAN_IN_WORDS
-from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS
-from drake_pregrasp.studies.static_versus_dynamic.trial_pictures import PICTURES
-from drake_pregrasp.studies.sweep.measures import MEASURES, SweepRun
-from drake_pregrasp.studies.sweep.study_file import StudyConfig, load_study
-from drake_pregrasp.studies.sweep.sweep_command import STUDY
 from pages import DOCS, ROOT, block, blocks, executed
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import DiagramBuilder
@@ -32,6 +25,13 @@ from drake_pregrasp.cli import main
 from drake_pregrasp.estimation.recorded_poses import MAX_ROWS
 from drake_pregrasp.simulation.run_log import grasp_columns, log_columns
 from drake_pregrasp.studies import runner
+from drake_pregrasp.studies.grasps.goal_sources import GOAL_SOURCES
+from drake_pregrasp.studies.grasps.grasp_outcome import CLEAN_IN_WORDS, HELD_IN_WORDS
+from drake_pregrasp.studies.measures import MEASURES
+from drake_pregrasp.studies.study_command import STUDY
+from drake_pregrasp.studies.study_config import Condition, Method, PairedTest, StudyConfig
+from drake_pregrasp.studies.study_file import load_study, shipped_studies
+from drake_pregrasp.studies.study_run import StudyRun
 
 FILES = (runner.ROWS, runner.JOURNAL, runner.FAILED, runner.SETTINGS)  # Of every study.
 
@@ -154,13 +154,15 @@ def test_the_index_names_each_page_once():
     assert twice <= {"first_run.md", "tour.ipynb"}  # Where to begin.
 
 
-def test_the_page_on_the_study_says_what_the_code_does():
+def test_the_page_on_the_study_says_what_its_file_does():
     text = (DOCS / "static_versus_dynamic.md").read_text(encoding="utf-8")
+    study = load_study("static_versus_dynamic")
     rows = {
-        f"| `{key}` | {condition.label} | {condition.scenario.scenario.description}"
+        f"| `{key}` | {condition.label} | {condition.description}"
         f" | {', '.join(f'{time:g}' for time in condition.closing_times)} |"
-        for key, condition in CONDITIONS.items()
-    } | {f"| `{key}` | {method.label} | {method.text} |" for key, method in METHODS.items()}
+        for key, condition in study.conditions.items()
+    }
+    rows |= {f"| `{key}` | {m.label} | {m.description} |" for key, m in study.methods.items()}
     sections = [text.split(f"\n## {title}\n")[1] for title in ("The methods", "The conditions")]
     there = {
         line
@@ -169,55 +171,61 @@ def test_the_page_on_the_study_says_what_the_code_does():
         if line.startswith("| `")
     }
     assert there == rows
-    assert CLEAN_IN_WORDS in " ".join(text.split())
-    trials = len(CONDITIONS) * len(METHODS) * SEEDS
-    counted = f"{len(CONDITIONS)} conditions x {len(METHODS)} methods x {SEEDS} seeds, {trials} "
-    assert counted in text
-    files = ("report.html", "report.md", PICTURES, *FILES)
-    assert [file for file in files if f"`{file}`" not in text] == []
+    for words in (CLEAN_IN_WORDS, HELD_IN_WORDS):
+        assert words in " ".join(text.split())
+    assert f"{len(study.jobs()):,} trials" in text
+    assert f"from {study.config.first_seed} on" in text
 
 
-@pytest.mark.parametrize(
-    ("page", "command", "others"),
-    [
-        ("static_versus_dynamic.md", "study static-versus-dynamic", ""),
-        ("objects.md", "study objects", "--scenario_text --no --only --python --target"),
-        ("sweeps.md", "sweep", "--host --dashboard --nworkers --nthreads --lifetime"),
-    ],
-)
-def test_the_pages_on_studies_name_their_options(page, command, others, capsys):
-    with pytest.raises(SystemExit):
-        main([*command.split(), "--help"])
-    known = set(re.findall(r"--\w+", capsys.readouterr().out)) - {"--help"}
-    named = set(re.findall(r"--\w+", (DOCS / page).read_text(encoding="utf-8")))
-    assert named == known | set(others.split())
-
-
-@pytest.mark.slow
-def test_the_study_in_the_guide_to_sweeps_makes_its_runs(tmp_path):
-    (tmp_path / "my_study.yaml").write_text(block("sweeps.md", "yaml"))
-    study = load_study(str(tmp_path / "my_study.yaml"))
-    assert len(study.plan) == 3 * 3 * 5 * 3
-    make = SweepRun(study.plan, study.scenario, "x", tmp_path, (), tuple(study.config.measures))
-    values = make(study.plan.job(134))
-    assert values["q_gii_mean"] > 0.9
-    assert values["active_share"] == 1
-
-
-def test_the_guide_to_sweeps_names_what_there_is():
-    text = (DOCS / "sweeps.md").read_text(encoding="utf-8")
+def test_the_guide_to_studies_names_what_there_is(capsys):
+    text = (DOCS / "studies.md").read_text(encoding="utf-8")
     for name in MEASURES:
         of_quality = re.match(r"q_(gii|vew)_", name)
         assert f"`{name}`" in text or (of_quality and f"`q_{of_quality[1]}`" in text), name
     for file in (*FILES, STUDY, "report.html"):
-        assert f"| `{file}` |" in text
-    assert f"{len(load_study('tracking').plan):,} runs" in text
-    for field in dataclasses.fields(StudyConfig):
-        assert f"{field.name}:" in text or f"`{field.name}`" in text, field.name
+        assert f"`{file}`" in text
+    for name in shipped_studies():
+        assert f"`{name}`" in text
+    for schema in (StudyConfig, Condition, Method, PairedTest):
+        for field in dataclasses.fields(schema):
+            assert f"{field.name}:" in text or f"`{field.name}`" in text, field.name
+    with pytest.raises(SystemExit):
+        main(["study", "--help"])
+    known = set(re.findall(r"--\w+", capsys.readouterr().out)) - {"--help"}
+    others = {"--host", "--dashboard", "--nworkers", "--nthreads", "--lifetime"}
+    assert set(re.findall(r"--\w+", text)) == known | others
+
+
+@pytest.mark.slow
+def test_the_study_in_the_guide_makes_its_runs(tmp_path):
+    (tmp_path / "my_study.yaml").write_text(block("studies.md", "yaml"))
+    study = load_study(str(tmp_path / "my_study.yaml"))
+    jobs = study.jobs()
+    assert len(jobs) == 2 * 2 * 2 * 5
+    (values,) = StudyRun(study, {})(jobs[0])
+    assert values["q_gii_mean"] > 0.9
+    assert values["active_share"] == 1
+
+
+@pytest.mark.slow
+def test_the_source_of_goals_that_contributing_shows_grasps(tmp_path, monkeypatch):
+    _, source = blocks("../CONTRIBUTING.md", "python")
+    (tmp_path / "my_goals.py").write_text(source)
+    (tmp_path / "my_study.yaml").write_text(block("../CONTRIBUTING.md", "yaml"))
+    assert len(source.splitlines()) <= 40
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.path", [*sys.path])
+    monkeypatch.setitem(GOAL_SOURCES, "carried", None)
+    command = ["study", "my_study.yaml", "--import", "my_goals", "--processes", "1"]
+    assert (
+        main([*command, "--seeds", "1", "--study_text", "{overrides: {grasp.close_at: 2.5}}"]) == 0
+    )
+    text = (tmp_path / "studies" / "my_study" / "report.md").read_text(encoding="utf-8")
+    assert re.search(r"^\| 2\.5 +\| 1 of 1 .*\| 1 of 1 ", text, flags=re.MULTILINE)
 
 
 def test_the_strategy_that_contributing_shows_is_planned_with(surface, p_OC):
-    strategy = executed("CONTRIBUTING", block("../CONTRIBUTING.md", "python"))["high_contacts"]
+    strategy = executed("CONTRIBUTING", blocks("../CONTRIBUTING.md", "python")[0])["high_contacts"]
     heights = []
     for weight_function in (None, strategy):
         config = PlannerConfig(static_duration=0.0)

@@ -166,8 +166,8 @@ def _command(options: argparse.Namespace) -> int:
 
 def _import(name: str) -> None:
     """Imports a module, also from the working directory, as `python -m` does."""
-    if "" not in sys.path:
-        sys.path.insert(0, "")
+    if (here := str(Path.cwd())) not in sys.path:
+        sys.path.insert(0, here)
     try:
         importlib.import_module(name)
     except ModuleNotFoundError as error:

@@ -9,12 +9,6 @@ import re
 import numpy as np
 import pytest
 import yaml
-from drake_pregrasp.studies.static_versus_dynamic.baseline_goals import (
-    RayTarget,
-    ReactiveChoice,
-    StationaryHand,
-)
-from drake_pregrasp.studies.static_versus_dynamic.methods import Reassignment
 from driven import port_names
 from made_systems import AROUND, FRAMES
 from pydrake.geometry import Meshcat, MeshcatParams
@@ -26,6 +20,11 @@ import drake_pregrasp.systems
 from drake_pregrasp import LimitsConfig, load_scenario
 from drake_pregrasp.geometry.solids import BoxSolid
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
+from drake_pregrasp.studies.grasps.baseline_goals import (
+    RayTarget,
+    ReactiveChoice,
+    StationaryHand,
+)
 
 CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)))
 SCENARIOS = ("toss", "pose_stream", "reach", "passing_ball", "grasp_five_finger")
@@ -52,10 +51,7 @@ def systems() -> dict[type, System]:
     solid, corners = BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1)), 0.05 * CORNERS
     cube = {"target": RayTarget(solid, corners, np.zeros(3)), "limits": limits}
     stationary = StationaryHand(FRAMES, azimuths=AROUND, **cube)
-    others = (
-        Reassignment(FRAMES, azimuths=AROUND, period=0.05),
-        ReactiveChoice(FRAMES, **cube, period=0.05),
-    )
+    others = (ReactiveChoice(FRAMES, **cube, period=0.05),)
     alone = stationary, *others
     made = itertools.chain(alone, *map(all_parts, made_diagrams()))
     by_class = {type(system): system for system in made}
