@@ -14,7 +14,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple, TypeAlias
 
-from drake_pregrasp.errors import InvalidArgumentError, first_line
+from drake_pregrasp.errors import InvalidArgumentError, first_line, printable
 from drake_pregrasp.estimation.recorded_poses import (
     MAX_ROWS,
     RecordedPoses,
@@ -112,7 +112,8 @@ def read_poses(path: Path, topic: str = "", frame: str = "") -> RecordedPoses:
     except InvalidArgumentError as error:
         raise InvalidArgumentError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
     except Exception as error:  # The libraries raise errors of many kinds.
-        raise InvalidArgumentError(f"{path}: cannot be read: {first_line(error)}") from error
+        said = printable(first_line(error))
+        raise InvalidArgumentError(f"{path}: cannot be read: {said}") from error
     return RecordedPoses.from_rows(rows)
 
 

@@ -14,7 +14,7 @@ import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -58,11 +58,20 @@ def load(case: Case, folder: Path, *, build: bool = False) -> tuple[str, str]:
     for name, data in case.files.items():
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_bytes(data)
+
+    def read() -> None:
+        resolved = load_resolved(case.name, file=file)
+        if build:
+            make_diagram(resolved)
+
+    return outcome_of(read)
+
+
+def outcome_of(read: Callable[[], object]) -> tuple[str, str]:
+    """Returns what came of a function that reads files, and what was said."""
     try:
         with _timer():
-            resolved = load_resolved(case.name, file=file)
-            if build:
-                make_diagram(resolved)
+            read()
     except PregraspError as error:
         said = str(error)
         fits = said.isprintable() and 0 < len(said) <= _LONGEST
@@ -88,31 +97,49 @@ def _timer() -> Iterator[None]:
         signal.signal(signal.SIGPROF, before)
 
 
-def _work(seed: int, first: int, end: int, folder: Path, connection: Connection) -> None:
+Check = Callable[[int, int, Path], tuple[str, str, str]]
+"""Makes and reads a case of a seed, a number and a folder; returns kind, outcome and failure."""
+
+
+def _work(
+    check: Check, seed: int, first: int, end: int, folder: Path, connection: Connection
+) -> None:
     tempfile.tempdir = str(folder)  # What this process leaves goes with it.
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     most = pages * resource.getpagesize() + MEMORY
     resource.setrlimit(resource.RLIMIT_AS, (most, most))
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())  # Drake's parser is chatty.
     for number in range(first, end):
-        case, start = make_case(seed, number), time.process_time()
+        start = time.process_time()
         # The kernel ends a process that ignores timers.
         resource.setrlimit(resource.RLIMIT_CPU, (int(start + _LAST), resource.RLIM_INFINITY))
-        outcome, said = load(case, folder, build=number % BUILT == 0)
-        failure = "" if outcome in GOOD else f"{case}\n{said}"
-        connection.send(Result(number, case.kind, outcome, failure, time.process_time() - start))
+        kind, outcome, failure = check(seed, number, folder)
+        connection.send(Result(number, kind, outcome, failure, time.process_time() - start))
+
+
+def _check(seed: int, number: int, folder: Path) -> tuple[str, str, str]:
+    case = make_case(seed, number)
+    outcome, said = load(case, folder, build=number % BUILT == 0)
+    return case.kind, outcome, "" if outcome in GOOD else f"{case}\n{said}"
 
 
 def results(seed: int, first: int, end: int) -> Iterator[Result]:
     """Yields what came of the files of a seed from a number up to another."""
     make_diagram(load_resolved("a_base"))  # Compiling counts for no file.
+    yield from checked(_check, seed, first, end)
+
+
+def checked(check: Check, seed: int, first: int, end: int) -> Iterator[Result]:
+    """Yields what came of the cases of a check, which processes of bounded memory make."""
     context = multiprocessing.get_context("fork")
     shared = Path("/dev/shm")  # In memory, where there is such a folder.
     with tempfile.TemporaryDirectory(dir=shared if shared.is_dir() else None) as folder:
         while first < end:
             ours, theirs = context.Pipe(duplex=False)
             last = min(end, first + BATCH)
-            process = context.Process(target=_work, args=(seed, first, last, Path(folder), theirs))
+            process = context.Process(
+                target=_work, args=(check, seed, first, last, Path(folder), theirs)
+            )
             process.start()
             theirs.close()
             try:
@@ -125,8 +152,7 @@ def results(seed: int, first: int, end: int) -> Iterator[Result]:
                 process.kill()
                 process.join()
             if first < last:
-                case = make_case(seed, first)
-                yield Result(first, case.kind, "died", f"{case}\nstatus {process.exitcode}", _LAST)
+                yield Result(first, "", "died", f"status {process.exitcode}", _LAST)
                 first += 1
 
 
