@@ -1,6 +1,8 @@
-"""One planning tick of the base case runs through few files and functions."""
+"""A planning tick and a control tick run through few files and functions."""
 
 import sys
+from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 
@@ -12,10 +14,41 @@ from drake_pregrasp import load_scenario, make_diagram
 from drake_pregrasp.fast import SWITCH
 
 PACKAGE = str(Path(drake_pregrasp.__file__).parent)
-MOST_FILES, MOST_FUNCTIONS = 19, 64
+PLANT = ("LinkContacts", "_contacts", "BodyPose")  # They sample the plant in each of its steps.
 
 
-def test_a_tick_of_the_base_case_is_small(monkeypatch: pytest.MonkeyPatch) -> None:
+def calls_of(function: Callable[[], object]) -> Counter[tuple[str, str]]:
+    """How often a function calls each function of the package, by file and name."""
+    calls: Counter[tuple[str, str]] = Counter()
+
+    def note(frame: FrameType, event: str, argument: object) -> None:
+        code = frame.f_code
+        if event != "call" or not code.co_filename.startswith(PACKAGE):
+            return
+        # Comprehensions and lambdas are part of the functions around them.
+        if not code.co_name.startswith("<") and not code.co_qualname.startswith(PLANT):
+            calls[code.co_filename[len(PACKAGE) + 1 :], code.co_qualname] += 1
+
+    before = sys.getprofile()
+    sys.setprofile(note)
+    try:
+        function()
+    finally:
+        sys.setprofile(before)
+    return calls
+
+
+def check(calls: Counter[tuple[str, str]], *, files: int, functions: int, count: int) -> None:
+    listed = "\n".join(f"{number} {file} {name}" for (file, name), number in sorted(calls.items()))
+    limits = files, functions, count
+    reached = len({file for file, _ in calls}), len(calls), calls.total()
+    assert reached[1] > 20, "the tick was not seen"
+    assert all(is_few <= most for is_few, most in zip(reached, limits, strict=True)), (
+        f"{reached[0]} files, {reached[1]} functions, {reached[2]} calls\n{listed}"
+    )
+
+
+def test_a_planning_tick_of_the_base_case_is_small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(SWITCH, "0")
     scenario = load_scenario("a_base")
     diagram = make_diagram(scenario)
@@ -24,25 +57,19 @@ def test_a_tick_of_the_base_case_is_small(monkeypatch: pytest.MonkeyPatch) -> No
     monitor = diagram.GetSubsystemByName("grasp_quality_monitor")
     period = scenario.planner.period
     simulator.AdvanceTo(scenario.planner.static_duration + 2 * period)
-    called: dict[str, set[str]] = {}
 
-    def note(frame: FrameType, event: str, argument: object) -> None:
-        if event == "call" and frame.f_code.co_filename.startswith(PACKAGE):
-            file = frame.f_code.co_filename[len(PACKAGE) + 1 :]
-            functions = called.setdefault(file, set())
-            if not frame.f_code.co_name.startswith("<"):  # Comprehensions and lambdas.
-                functions.add(frame.f_code.co_qualname)
-
-    before = sys.getprofile()
-    sys.setprofile(note)
-    try:
+    def tick() -> None:
         simulator.AdvanceTo(context.get_time() + period)
         monitor.GetOutputPort("grasp_quality").Eval(monitor.GetMyContextFromRoot(context))
-    finally:
-        sys.setprofile(before)
-    listed = "\n".join(f"{file}: {', '.join(sorted(called[file]))}" for file in sorted(called))
-    count = sum(map(len, called.values()))
-    assert count > 20, "the tick was not seen"
-    assert (len(called) <= MOST_FILES, count <= MOST_FUNCTIONS) == (True, True), (
-        f"{len(called)} files, {count} functions\n{listed}"
-    )
+
+    check(calls_of(tick), files=19, functions=64, count=191)
+
+
+@pytest.mark.slow
+def test_a_control_tick_of_a_hand_is_small() -> None:
+    """While the hand tracks, closes, squeezes and holds, between two ticks of the planner."""
+    simulator = Simulator(make_diagram(load_scenario("grasp_five_finger")))
+    for time in (2.011, 4.511, 5.211, 7.011):
+        simulator.AdvanceTo(time)
+        calls = calls_of(lambda end=time + 0.01: simulator.AdvanceTo(end))
+        check(calls, files=21, functions=86, count=171)

@@ -96,7 +96,10 @@ class PalmCarrier:
         self, config: Carrier, plant: MultibodyPlant, hand: ModelInstanceIndex, X_LA: RigidTransform
     ) -> None:
         self.joints, self.palm_frame = _positions(plant, hand, config.joints), ""
-        self._height, self._X_LA, self.X_AW = config.palm_height, X_LA, X_LA.inverse()
+        self._X_LA, self.X_AW = X_LA, X_LA.inverse()
+        # Positions of x, y and z are R_AL p_WL + p_AL for a point L on the palm's axis.
+        self._R_AL = self.X_AW.rotation().matrix()
+        self._p_AL = self._R_AL @ X_LA.translation() + [0.0, 0.0, config.palm_height]
         for name, expected in zip(config.joints, _JOINT_KINDS, strict=True):
             kind = plant.GetJointByName(name, hand).type_name()
             if kind != expected:
@@ -113,10 +116,7 @@ class PalmCarrier:
             p_WCoM: Centre of mass of the object in W, shape (3,), in metres.
             yaw: Yaw of the palm, in radians.
         """
-        posed = np.array(q, dtype=float)
-        p_AL = self._X_LA.rotation().inverse() @ (p_WCoM + self._X_LA.translation())
-        posed[self.joints] = [*(p_AL + np.array([0.0, 0.0, self._height])), yaw]
-        return posed
+        return self.posture(q, p_WCoM, yaw)
 
     def placed(self, q: FloatArray) -> FloatArray:
         """Returns positions with the palm at home and the fingers as in q, shape (nq,)."""
@@ -124,7 +124,10 @@ class PalmCarrier:
 
     def posture(self, home: FloatArray, p_WL: FloatArray, yaw: float) -> FloatArray:
         """See `PalmBase`."""
-        return self.posed(home, p_WL, yaw)
+        posture = np.array(home, dtype=float)
+        x, y, z = self._R_AL @ p_WL + self._p_AL
+        posture[self.joints] = x, y, z, yaw
+        return posture
 
     def palm_goal(self, p_WL: FloatArray, yaw: float) -> RigidTransform:
         """Returns the frame of the palm's axis, turned by a yaw."""

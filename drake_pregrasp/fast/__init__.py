@@ -13,8 +13,7 @@ passes it to its systems.
 | `margins` | `regions.independent_regions.slip_radii_within` |
 | `compiling` | `quality.force_closure.largest_minimum`, whose own source is compiled |
 | `pose_steps` | `estimation.pose_track.FilterStep` |
-| `forward_kinematics` | `grasping.forward_kinematics.forward_kinematics` |
-| `joint_velocities` | `grasping.clearances.clearances`, and `next_velocities` of `grasping` |
+| `hand` | `forward_kinematics`, `clearances` and `next_velocities` of `grasping` |
 
 **One description.** A region is an intersection: the weighted Voronoi cell of its contact,
 half-spaces (forbidden points, neighbouring fingertips, the nearest points of obstacles), and

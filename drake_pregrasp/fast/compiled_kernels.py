@@ -31,8 +31,11 @@ def _largest_minimum() -> LargestMinimum:
 
 def _hand() -> HandKernels:
     # Imported only here, because only hands need what they compile.
-    from drake_pregrasp.fast.forward_kinematics import compiled_forward_kinematics
-    from drake_pregrasp.fast.joint_velocities import compiled_clearances, compiled_next_velocities
+    from drake_pregrasp.fast.hand import (
+        compiled_clearances,
+        compiled_forward_kinematics,
+        compiled_next_velocities,
+    )
 
     return HandKernels(compiled_forward_kinematics, compiled_clearances, compiled_next_velocities)
 

@@ -10,7 +10,7 @@ from drake_pregrasp.grasping.joint_velocities import JointLimits, next_velocitie
 
 if not numba_is_installed():
     pytest.skip("needs the extra fast", allow_module_level=True)
-from drake_pregrasp.fast.joint_velocities import compiled_clearances, compiled_next_velocities
+from drake_pregrasp.fast.hand import compiled_clearances, compiled_next_velocities
 
 N, M, NQ = 3, 8, 11  # Fingers, links, joints.
 
