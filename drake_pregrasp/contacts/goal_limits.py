@@ -194,7 +194,7 @@ def hold_where_tips_meet(
 def _gaps(selection: SelectionInput, p_OC: FloatArray) -> FloatArray:
     """Returns the gaps between fingertips at some contacts, less what is required, shape (n, n)."""
     constraints = selection.regions.constraints
-    normals = selection.project(p_OC)[1]
+    normals = selection.surface.project(p_OC)[1]
     return tip_gaps(p_OC, normals, constraints.tip_radii, constraints.tip_gap)
 
 
@@ -267,7 +267,7 @@ def with_returning_contacts(
     constraints, goals = regions.constraints, goals.copy()
     without = (regions.counts == 0) & ~regions.lost
     there = ~without & ~regions.lost
-    normals = selection.project(goals)[1]
+    normals = selection.surface.project(goals)[1]
     for contact in np.flatnonzero(without).tolist():
         free = has_room(surface, constraints, contact, goals, normals, there)
         on_its_side = free & normals_agree(normals[contact][None], surface.nhat_OQ)[0]
@@ -276,7 +276,7 @@ def with_returning_contacts(
             away = surface.p_OQ[choices] - goals[contact]
             target = surface.p_OQ[choices[np.argmin(np.sum(away**2, axis=1))]]
             goals[[contact]] = steps_toward(surface, goals[[contact]], target[None], max_step)
-            normals[contact] = selection.project(goals[[contact]])[1][0]
+            normals[contact] = selection.surface.project(goals[[contact]])[1][0]
             there[contact] = True
     return goals
 
@@ -339,7 +339,7 @@ def judged_goals(
     active = selection.active.copy()
     if not on_surface.all():
         unknown = np.flatnonzero(~on_surface)
-        nearest, _ = selection.project(goals[unknown])
+        nearest, _ = selection.surface.project(goals[unknown])
         off = unknown[np.linalg.norm(nearest - goals[unknown], axis=1) > CONTACT_TOLERANCE]
         limits[off], causes[off], active[off] = Limit.FORBIDDEN, NO_CAUSE, False
     if not constraints.is_unconstrained and active.any():

@@ -83,7 +83,8 @@ def keep_quality(
     """
     # Each contact is either where it was or at its goal, so that its normal is one of two.
     surface, p_OC_before = selection.surface, selection.p_OC
-    normals_before, normals_there = selection.project(p_OC_before)[1], selection.project(goals)[1]
+    surface = selection.surface
+    normals_before, normals_there = surface.project(p_OC_before)[1], surface.project(goals)[1]
     steps = ~active
 
     def quality_after(steps: BoolArray) -> Iterable[float]:

@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
-from typing import Any
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.geometry.surface import ObjectSurface
@@ -111,17 +110,6 @@ class SelectionInput:
         """Mask of the contacts that have a region and take part in the grasp, shape (n,)."""
         return self.regions.counts > 0
 
-    @cached_property
-    def _known(self) -> dict[Any, tuple[Any, Any]]:
-        return {}
-
-    def project(self, p_OP: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Projects like `ObjectSurface.project`, equal arrays of points once a tick."""
-        if (key := p_OP.tobytes()) not in self._known:
-            self._known[key] = self.surface.project(p_OP)
-        points, normals = self._known[key]
-        return points.copy(), normals.copy()
-
     def limits_of(self, contacts: IntArray, p_OC: FloatArray) -> tuple[IntArray, IntArray]:
         """Returns the limits that keep contacts from points of the surface, and causes, (k,) each.
 
@@ -129,11 +117,8 @@ class SelectionInput:
             contacts: Indices of the contacts, shape (k,).
             p_OC: Point for each contact, shape (k, 3), in metres.
         """
-        if (key := (contacts.tobytes(), p_OC.tobytes())) not in self._known:
-            normals = self.project(p_OC)[1]
-            self._known[key] = self.limits_at(self.regions.predicates, contacts, p_OC, normals)
-        limits, causes = self._known[key]
-        return limits.copy(), causes.copy()
+        normals = self.surface.project(p_OC)[1]
+        return self.limits_at(self.regions.predicates, contacts, p_OC, normals)
 
 
 WeightFunction = Callable[[SelectionInput, int], FloatArray]

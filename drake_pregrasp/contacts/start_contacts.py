@@ -36,7 +36,7 @@ _OVER = 0.01 * np.arange(1, 11)  # Heights over contacts at which such parts are
 _STRONG = 2.0
 _NEIGHBOURS = 8  # Number of places near each contact that may hold more of the weight.
 _ENOUGH = 1.1  # Strength for the object's weight at which fingers that hold too little stop.
-_AWAY = -1  # Seat of a finger that stays away.
+_AWAY = -1  # Candidate of a finger that stays away.
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,21 +140,21 @@ def choose_start_contacts(
 class _Trial:
     """Assignment of candidates to fingers at a yaw of the palm.
 
-    `assigned_candidates` holds the index of each finger's candidate, or `_AWAY`. Bounds contain an
-    upper bound of the margin; the last trials have exact margins, loads and scores.
+    `candidates` holds the index of each finger's candidate, or `_AWAY`. Bounds contain an upper
+    bound of the margin; the last trials have exact margins, loads and scores.
     """
 
     yaw: float
-    assigned_candidates: IntArray
+    candidates: IntArray
     bound: float
     margin: float = 0.0
     load: float = 0.0
     score: float = 0.0
 
     @property
-    def assigned_fingers(self) -> IntArray:
+    def fingers(self) -> IntArray:
         """Fingers with a candidate."""
-        return np.flatnonzero(self.assigned_candidates != _AWAY)
+        return np.flatnonzero(self.candidates != _AWAY)
 
 
 class _Search:
@@ -257,9 +257,8 @@ class _Search:
             for finger in assigned_fingers.tolist():
                 choices = np.flatnonzero(free[finger] & self._has_room(finger, assigned))
                 others = assigned_fingers[assigned_fingers != finger]
-                discomfort = discomforts[finger, choices] + np.sum(
-                    discomforts[others, assigned[others]]
-                )
+                discomfort = discomforts[finger, choices]
+                discomfort = discomfort + np.sum(discomforts[others, assigned[others]])
                 bounds = self._bounds(finger, assigned, choices) - discomfort / self._n
                 assigned[finger], bound = choices[np.argmax(bounds)], float(np.max(bounds))
             if bound <= last:
@@ -293,14 +292,12 @@ class _Search:
     def grasp_at(self, yaw: float) -> _Trial | None:
         """Returns a grasp near a yaw; None if it has too few fingers or no force closure."""
         trial = self.settled(yaw)
-        for _ in range(_TURNS if len(trial.assigned_fingers) >= self._hand.least_fingers else 0):
+        for _ in range(_TURNS if len(trial.fingers) >= self._hand.least_fingers else 0):
             turned = self._turned(trial)
-            permitted = self.limits_at(turned)[
-                trial.assigned_fingers, trial.assigned_candidates[trial.assigned_fingers]
-            ]
+            permitted = self.limits_at(turned)[trial.fingers, trial.candidates[trial.fingers]]
             if np.all(permitted == Limit.NONE):
                 return self._judged(replace(trial, yaw=turned))
-            trial = self.settled(turned, trial.assigned_candidates)
+            trial = self.settled(turned, trial.candidates)
         return None
 
     def _turned(self, trial: _Trial) -> float:
@@ -313,32 +310,24 @@ class _Search:
         """Returns the assigned candidates, or those nearest to home for fingers that stay away."""
         closed = self.limits_at(trial.yaw) == Limit.FORBIDDEN
         nearest = np.argmin(np.where(closed, np.inf, self.discomforts_at(trial.yaw)), axis=1)
-        return np.where(trial.assigned_candidates == _AWAY, nearest, trial.assigned_candidates)
+        return np.where(trial.candidates == _AWAY, nearest, trial.candidates)
 
     def _judged(self, trial: _Trial) -> _Trial | None:
         """Returns a trial with its margin, without fingers that lower it; None if there is none."""
         hand, fingers = self._hand, np.arange(self._n)
-        if len(trial.assigned_fingers) < hand.least_fingers or not hand.holds_palm(trial.yaw):
+        if len(trial.fingers) < hand.least_fingers or not hand.holds_palm(trial.yaw):
             return None
-        trial = replace(trial, margin=self._margin(trial.assigned_candidates))
-        while len(trial.assigned_fingers) > hand.least_fingers:
-            fewer = [
-                np.where(fingers == i, _AWAY, trial.assigned_candidates)
-                for i in trial.assigned_fingers
-            ]
+        trial = replace(trial, margin=self._margin(trial.candidates))
+        while len(trial.fingers) > hand.least_fingers:
+            fewer = [np.where(fingers == i, _AWAY, trial.candidates) for i in trial.fingers]
             margins = [self._margin(assigned) for assigned in fewer]
             if max(margins) <= trial.margin + _FINGER:
                 break
-            trial = replace(
-                trial, assigned_candidates=fewer[int(np.argmax(margins))], margin=max(margins)
-            )
+            trial = replace(trial, candidates=fewer[int(np.argmax(margins))], margin=max(margins))
         if trial.margin <= 0:
             return None
-        assigned_fingers, assigned = (
-            trial.assigned_fingers,
-            trial.assigned_candidates[trial.assigned_fingers],
-        )
-        load = self._load(trial.assigned_candidates)
+        assigned_fingers, assigned = trial.fingers, trial.candidates[trial.fingers]
+        load = self._load(trial.candidates)
         score = trial.margin + _LOAD * min(load, _STRONG) + _FINGER * len(assigned_fingers)
         score -= float(np.sum(self.discomforts_at(trial.yaw)[assigned_fingers, assigned])) / self._n
         score -= _TURN * abs(trial.yaw - hand.yaw)
@@ -354,19 +343,13 @@ class _Search:
         before, strong = 0.0, trial
         while before < strong.load < _ENOUGH:
             before = strong.load
-            for finger in strong.assigned_fingers.tolist():
-                room = np.flatnonzero(
-                    free[finger] & self._has_room(finger, strong.assigned_candidates)
-                )
-                gaps = np.linalg.norm(
-                    self._p[room] - self._p[strong.assigned_candidates[finger]], axis=1
-                )
+            for finger in strong.fingers.tolist():
+                room = np.flatnonzero(free[finger] & self._has_room(finger, strong.candidates))
+                gaps = np.linalg.norm(self._p[room] - self._p[strong.candidates[finger]], axis=1)
                 for candidate in room[np.argsort(gaps)[:_NEIGHBOURS]].tolist():
-                    assigned = np.where(
-                        np.arange(self._n) == finger, candidate, strong.assigned_candidates
-                    )
+                    assigned = np.where(np.arange(self._n) == finger, candidate, strong.candidates)
                     if (load := self._load(assigned)) > strong.load:
-                        strong = replace(strong, assigned_candidates=assigned, load=load)
+                        strong = replace(strong, candidates=assigned, load=load)
         return self._judged(strong) or trial
 
     def _load(self, assigned: IntArray) -> float:
@@ -386,9 +369,7 @@ class _Search:
     def contacts_of(self, trial: _Trial) -> StartContacts:
         """Returns the contacts of a trial."""
         p_OC = self._p[self._nearest_candidates(trial)]
-        return StartContacts(
-            p_OC, trial.assigned_candidates != _AWAY, trial.yaw, trial.margin, trial.score
-        )
+        return StartContacts(p_OC, trial.candidates != _AWAY, trial.yaw, trial.margin, trial.score)
 
     def lack(self) -> NoGraspError:
         """Returns what is missing, if there is no grasp."""
@@ -398,7 +379,7 @@ class _Search:
 
         def lacks(masks: list[BoolArray]) -> tuple[int, bool]:
             """Returns how many fingers have a place, and whether none of these are opposite."""
-            places = [mask.astype(np.float32) for mask in masks]
+            places = (mask.astype(np.float32) for mask in masks)
             facing = any(np.any(place @ opposite @ place.T > 0) for place in places)
             return max(int(np.sum(np.any(mask, axis=1))) for mask in masks), not facing
 
@@ -409,12 +390,11 @@ class _Search:
         if one_sided and np.any(opposite):
             detail = "at no yaw of the palm do fingers reach two opposite sides of it"
             return NoGraspError(Lack.OPENING, detail)
-        assigned_fingers = max(len(self.settled(yaw).assigned_fingers) for yaw in self.yaws())
+        assigned_fingers = max(len(self.settled(yaw).fingers) for yaw in self.yaws())
         _, one_sided = lacks([at == Limit.NONE for at in limits])
         if assigned_fingers < least or (one_sided and np.any(opposite)):
             where = " on two opposite sides" if assigned_fingers >= least else ""
-            detail = f"at most {assigned_fingers} fingertips have room beside each other"
-            detail = f"{detail}, table and object"
-            return NoGraspError(Lack.ROOM, f"{detail}{where}; {least} are needed")
+            detail = f"at most {assigned_fingers} fingertips have room beside each other, table and"
+            return NoGraspError(Lack.ROOM, f"{detail} object{where}; {least} are needed")
         detail = f"no contacts in reach have force closure with friction {friction:g}"
         return NoGraspError(Lack.FRICTION, detail)

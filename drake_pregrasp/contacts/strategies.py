@@ -85,7 +85,7 @@ def singular_values(
         others = np.flatnonzero(selection.active)
         p_OC = selection.p_OC[others[others != i]]
         r = (p_OC - surface.p_OCoM) / unit
-        A = grasp_quality.contact_blocks(r, selection.project(p_OC)[1], contact_model)
+        A = grasp_quality.contact_blocks(r, selection.surface.project(p_OC)[1], contact_model)
         GGT += np.sum(A @ A.swapaxes(1, 2), axis=0)
     squares = np.linalg.eigvalsh(GGT)
     least = 0.0 if contact_model == "complete" else RANK_TOLERANCE
@@ -127,7 +127,7 @@ def margin_bounds(
     surface, active = selection.surface, np.flatnonzero(selection.active)
     return moved_least_norm_margin(
         selection.p_OC[active] - surface.p_OCoM,
-        selection.project(selection.p_OC[active])[1],
+        selection.surface.project(selection.p_OC[active])[1],
         friction,
         moved=int(np.searchsorted(active, i)),
         p_CoMQ=surface.p_OQ[candidates] - surface.p_OCoM,

@@ -103,18 +103,7 @@ class HandController(Diagram):
         kernels: Kernels | None = None,
     ) -> None:
         super().__init__()
-        tip_frames = hand.kinematics.tip_frames
-        for name, value, shape in (("p_OC", p_OC, (len(tip_frames), 3)), ("p_OCoM", p_OCoM, (3,))):
-            if np.shape(value) != shape:
-                raise InvalidArgumentError(f"{name} must have shape {shape}, not {np.shape(value)}")
-        for name, amount in (("mass", mass), ("plant_time_step", plant_time_step)):
-            if not amount > 0:
-                raise InvalidArgumentError(f"{name} must be greater than 0, not {amount}")
-        if not config.touch_force < config.least_force:
-            raise InvalidArgumentError(
-                f"touch_force must be less than least_force, {config.least_force}, not"
-                f" {config.touch_force}"
-            )
+        _check(config, hand, mass=mass, p_OCoM=p_OCoM, p_OC=p_OC, plant_time_step=plant_time_step)
         hand.check_contacts(p_OC, object_solid.distance_and_gradient(p_OC)[1])
         settings = config.make_settings(hand.description.fingertips)
         R_LA = hand.X_LA.rotation().matrix()
@@ -141,7 +130,7 @@ class HandController(Diagram):
             "hand_goal_shaper",
             HandGoalShaper(
                 config,
-                tip_frames=tip_frames,
+                tip_frames=hand.kinematics.tip_frames,
                 tip_radius=hand.tip_radii,
                 object_solid=object_solid,
                 fixed=fixed,
@@ -170,22 +159,56 @@ class HandController(Diagram):
             ),
         )
         sensor = builder.AddNamedSystem("fingertip_sensor", FingertipSensor(scene.hand))
-        connect(builder, sequencer, "command", shaper, kinematics)
-        connect(builder, shaper, "goals", kinematics)
-        connect(builder, shaper, "contacts", sequencer)
-        connect(builder, kinematics, "blocked_finger", sequencer)
-        connect(builder, sensor, "p_WT f_T_W J_WT", sequencer)
-        export_inputs(builder, "fingertip_targets contact_status", shaper)
-        export_inputs(builder, "X_WO_estimated V_WO_estimated close", sequencer)
-        export_inputs(builder, "hand_state", sensor, kinematics)
-        export_inputs(builder, "net_actuation", sensor)
-        export_inputs(builder, "obstacles", shaper, kinematics)
-        export_inputs(builder, "tracking_status", sequencer)
-        export_outputs(builder, kinematics, "desired_state")
-        export_outputs(builder, shaper, "p_GT")
-        export_outputs(builder, sensor, "p_WT f_T_W")
-        export_outputs(builder, sequencer, "X_WG")
-        export_outputs(builder, shaper, "X_WH")
-        export_outputs(builder, sequencer, "hold_contacts grasp_report V_WO_held")
-        export_outputs(builder, shaper, "X_WU")
+        _connect(builder, sequencer, shaper, kinematics, sensor)
         builder.BuildInto(self)
+
+
+def _check(
+    config: GraspConfig,
+    hand: HandModel,
+    *,
+    mass: float,
+    p_OCoM: FloatArray,
+    p_OC: FloatArray,
+    plant_time_step: float,
+) -> None:
+    tip_frames = hand.kinematics.tip_frames
+    for name, value, shape in (("p_OC", p_OC, (len(tip_frames), 3)), ("p_OCoM", p_OCoM, (3,))):
+        if np.shape(value) != shape:
+            raise InvalidArgumentError(f"{name} must have shape {shape}, not {np.shape(value)}")
+    for name, amount in (("mass", mass), ("plant_time_step", plant_time_step)):
+        if not amount > 0:
+            raise InvalidArgumentError(f"{name} must be greater than 0, not {amount}")
+    if not config.touch_force < config.least_force:
+        raise InvalidArgumentError(
+            f"touch_force must be less than least_force, {config.least_force}, not"
+            f" {config.touch_force}"
+        )
+
+
+def _connect(
+    builder: DiagramBuilder,
+    sequencer: GraspSequencer,
+    shaper: HandGoalShaper,
+    kinematics: DifferentialKinematics,
+    sensor: FingertipSensor,
+) -> None:
+    """Connects the systems to each other, and exports the ports of `HandController` in order."""
+    connect(builder, sequencer, "command", shaper, kinematics)
+    connect(builder, shaper, "goals", kinematics)
+    connect(builder, shaper, "contacts", sequencer)
+    connect(builder, kinematics, "blocked_finger", sequencer)
+    connect(builder, sensor, "p_WT f_T_W J_WT", sequencer)
+    export_inputs(builder, "fingertip_targets contact_status", shaper)
+    export_inputs(builder, "X_WO_estimated V_WO_estimated close", sequencer)
+    export_inputs(builder, "hand_state", sensor, kinematics)
+    export_inputs(builder, "net_actuation", sensor)
+    export_inputs(builder, "obstacles", shaper, kinematics)
+    export_inputs(builder, "tracking_status", sequencer)
+    export_outputs(builder, kinematics, "desired_state")
+    export_outputs(builder, shaper, "p_GT")
+    export_outputs(builder, sensor, "p_WT f_T_W")
+    export_outputs(builder, sequencer, "X_WG")
+    export_outputs(builder, shaper, "X_WH")
+    export_outputs(builder, sequencer, "hold_contacts grasp_report V_WO_held")
+    export_outputs(builder, shaper, "X_WU")

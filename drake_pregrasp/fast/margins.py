@@ -208,7 +208,8 @@ class MarginWeights:
 
     def __call__(self, selection: SelectionInput, members: Members, b: FloatArray) -> None:
         """See `WriteWeights`."""
-        r, nhat = selection.p_OC - self._surface.p_OCoM, selection.project(selection.p_OC)[1]
+        r = selection.p_OC - self._surface.p_OCoM
+        _, nhat = selection.surface.project(selection.p_OC)
         P_C = contact_rows(r, nhat, self._arm).reshape(-1, 7, 3, 1)
         contacts, active, _, ends, candidates, _, _ = members
         common, N = (P_C, self._P_Q, self._friction), len(self._P_Q)

@@ -125,7 +125,7 @@ class MeasureWeights:
 
     def __call__(self, selection: SelectionInput, members: Members, b: FloatArray) -> None:
         """See `WriteWeights`."""
-        grams_C = self._grams(selection.p_OC, selection.project(selection.p_OC)[1])
+        grams_C = self._grams(selection.p_OC, selection.surface.project(selection.p_OC)[1])
         contacts, active, _, ends, candidates, _, _ = members
         write_measures(self._kind, contacts, active, ends, candidates, grams_C, self._grams_Q, b)
 

@@ -125,15 +125,7 @@ class CentroidSelector(LeafSystem):
     ) -> None:
         super().__init__()
         config, kernels = checked(config or PlannerConfig()), kernels or default_kernels()
-        p_OC = np.array(p_OC, dtype=float)
-        if p_OC.ndim != 2 or p_OC.shape[1] != 3 or len(p_OC) == 0:
-            raise InvalidArgumentError(f"p_OC must have shape (n, 3), n >= 1, not {p_OC.shape}")
-        off = np.flatnonzero(~(np.abs(surface.distance(p_OC)) <= CONTACT_TOLERANCE))
-        if len(off):
-            raise InvalidArgumentError(
-                f"contact {off[0]} at {p_OC[off[0]]} m is farther than {CONTACT_TOLERANCE} m off"
-                " the object's surface"
-            )
+        p_OC = _checked_contacts(p_OC, surface)
         n = len(p_OC)
         self._fingertip_frames = list(fingertip_frames or [f"fingertip_{i}" for i in range(n)])
         if len(self._fingertip_frames) != n:
@@ -167,6 +159,11 @@ class CentroidSelector(LeafSystem):
         if self._rule.beyond > 0 and self._rule.symmetric:
             self._symmetries = surface_symmetries(surface)
 
+        self._declare_ports(p_OC)
+
+    def _declare_ports(self, p_OC: FloatArray) -> None:
+        """Declares the state, which starts with contacts in O, shape (n, 3), and all ports."""
+        n, config = len(p_OC), self._config
         self._time_index = self.DeclareDiscreteState(np.array([-np.inf]))
         self._p_OC_index = self.DeclareDiscreteState(p_OC.ravel())
         self._status_index = self.DeclareDiscreteState(np.full(n, float(ContactStatus.INACTIVE)))
@@ -296,3 +293,17 @@ def _frames_with_z_along(z: FloatArray) -> FloatArray:
     x = up - z * np.sum(up * z, axis=1, keepdims=True)
     x /= norms(x)[:, None]
     return np.stack([x, (skew(z) @ x[:, :, None])[:, :, 0], z], axis=2)
+
+
+def _checked_contacts(contacts: FloatArray, surface: ObjectSurface) -> FloatArray:
+    """Returns a copy of contacts in O, shape (n, 3); raises an error if one is off the surface."""
+    p_OC = np.array(contacts, dtype=float)
+    if p_OC.ndim != 2 or p_OC.shape[1] != 3 or len(p_OC) == 0:
+        raise InvalidArgumentError(f"p_OC must have shape (n, 3), n >= 1, not {p_OC.shape}")
+    off = np.flatnonzero(~(np.abs(surface.distance(p_OC)) <= CONTACT_TOLERANCE))
+    if len(off):
+        raise InvalidArgumentError(
+            f"contact {off[0]} at {p_OC[off[0]]} m is farther than {CONTACT_TOLERANCE} m off"
+            " the object's surface"
+        )
+    return p_OC
