@@ -6,6 +6,7 @@ import functools
 import importlib
 import pkgutil
 import re
+import shlex
 import typing
 
 import pydrake.all
@@ -15,6 +16,7 @@ from pages import DOCS, ROOT
 
 from drake_pregrasp import load_scenario, shipped_scenarios
 from drake_pregrasp.simulation.run_log import grasp_columns, log_columns
+from drake_pregrasp.studies.study_file import load_study
 
 PACKAGE = ROOT / "drake_pregrasp"
 PAGES = [*DOCS.glob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
@@ -39,7 +41,9 @@ ELSEWHERE = {
     "lcmt_viewer_draw",
     "live.py",
     "model_drivers",
+    "my_goals.py",
     "q_msv_max",
+    "q_msv_mean",
     "q_msv_min",
 }
 """Names of other programs, of files that a page tells the reader to write, and of columns."""
@@ -84,6 +88,7 @@ def words():
                 found |= {text} if isinstance(text, str) else set()
     for folder in (PACKAGE, ROOT / "scenarios", ROOT / "models"):
         for path in folder.rglob("*.yaml"):
+            found.add(path.stem)
             found |= {
                 token.value
                 for token in yaml.scan(path.read_text(encoding="utf-8"))
@@ -152,8 +157,19 @@ def test_a_name_that_does_not_exist_is_found(name):
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_the_commands_on_a_page_exist(page):
     text = page.read_text(encoding="utf-8")
-    for command in re.findall(r"drake-pregrasp ((?:study )?[a-z][a-z-]*)", text):
+    for command in re.findall(r"drake-pregrasp ([a-z][a-z-]*)", text):
         assert f"## `drake-pregrasp {command}`" in COMMANDS
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_the_studies_on_a_page_load_with_their_options(page):
+    text = page.read_text(encoding="utf-8")
+    for line in re.findall(r"^    \S*drake-pregrasp study (\w+ .*|\w+)$", text, flags=re.M):
+        name, *options = shlex.split(line)
+        given = dict(zip(options[::2], options[1::2], strict=True))
+        choice = {key: given.get(f"--{key}", "") for key in ("conditions", "methods")}
+        choice = {key: keys.split(",") for key, keys in choice.items() if keys}
+        load_study(name, text=given.get("--study_text", "{}"), **choice)
 
 
 def test_the_functions_of_a_tick_exist():
