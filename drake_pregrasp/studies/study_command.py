@@ -76,7 +76,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="MODULE",
-        help="Python module that registers sources of goals or measures; repeatable",
+        help="Python module that registers sources of goals; repeatable",
     )
     add_processes_option(parser)
     parser.add_argument(

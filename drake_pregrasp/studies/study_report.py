@@ -232,6 +232,7 @@ def plot_shares(rows: pd.DataFrame, measure: str) -> Figure:
     """
     data = rows.assign(condition=rows.get("condition", ""), method=rows.get("method", "runs"))
     data = data.assign(share=100 * data[measure].astype(float))
+    data["close_at"] = data["close_at"].map("{:g}".format)
     conditions = list(dict.fromkeys(data["condition"]))
     with matplotlib.rc_context({"text.parse_math": False}):
         grid = sns.catplot(
@@ -273,16 +274,19 @@ def _axis_parts(
     if isinstance(axis, RandomAxis) and axis.kind == RANDOM_OBJECTS:
         failed = rows[rows["held"].eq(False)]
         return [f"Not held: {', '.join(dict.fromkeys(map(str, failed[axis.name]))) or 'none'}."]
-    caption = "Medians, and the middle half of the runs."
+    caption = "Medians and the middle half of the runs, or shares with exact 95 % intervals."
+    shown = list(measures)
     if is_scattered(rows, axis):
         caption = "A point for each run."
-    figure = plot_axis(rows, axis, measures, color_column(study, rows, axis))
+        shown = [name for name in measures if not is_yes_or_no(rows[name])]
+    color = color_column(study, rows, axis)
+    pictures = [Picture(plot_axis(rows, axis, shown, color), caption)] if shown else []
     by = rows[axis.name]
     if is_scattered(rows, axis) and by.nunique() > _MOST_GROUPS:
         by = pd.qcut(by, 4, precision=4, duplicates="drop")
     others = [n for n in ("condition", "method") if n in rows and rows[n].nunique() > 1]
     table = measure_table(rows, [*others[:1], by, *others[1:]], measures)
-    return [Picture(figure, caption), Table(table, "Medians, and the least and largest values.")]
+    return [*pictures, Table(table, "Medians, and the least and largest values.")]
 
 
 def is_scattered(rows: pd.DataFrame, axis: Axis) -> bool:
@@ -308,7 +312,7 @@ def plot_axis(
     measures: Sequence[str],
     color: str | None,
 ) -> Figure:
-    """Returns a figure of measures against an axis: medians and quartiles, or points.
+    """Returns a figure of measures against an axis: medians and quartiles, shares, or points.
 
     Args:
         rows: Rows from `labelled`.
@@ -317,7 +321,10 @@ def plot_axis(
         color: Name of the column that colours show, or None.
     """
     shown_by_color = axis.name if color is None else color
-    data = rows[list(measures)].astype(float).assign(x=rows[axis.name], color=rows[shown_by_color])
+    shares = [name for name in measures if is_yes_or_no(rows[name])]
+    data = rows[list(measures)].astype(float)
+    data[shares] *= 100
+    data = data.assign(x=rows[axis.name], color=rows[shown_by_color])
     data = data.melt(["x", "color"], var_name="measure")
     shared: dict[str, Any] = {"x": "x", "y": "value", "col": "measure", "height": 3.1}
     shared |= {"col_wrap": min(3, len(measures)), "aspect": 1.4}
@@ -326,7 +333,7 @@ def plot_axis(
         palette = "viridis" if is_number else "colorblind"
         shared |= {"hue": "color", "legend": "full"}
         shared["palette"] = sns.color_palette(palette, data["color"].nunique())
-    middle = {"estimator": "median", "errorbar": ("pi", 50)}
+    middle = {"estimator": _middle, "errorbar": _spread}
     own_scales = {"sharex": False, "sharey": False}
     style = {"style": shared.get("hue"), "facet_kws": own_scales}
     # Names from users are not formulas.
@@ -347,14 +354,33 @@ def plot_axis(
             place = {"loc": "lower center", "bbox_to_anchor": (0.5, 1), "ncol": _MOST_COLORS}
             sns.move_legend(grid, **place, title=color)
         for panel, measure in zip(grid.axes.flat, measures, strict=True):
-            panel.set_ylabel(MEASURES[measure])
-            _scale(panel.yaxis, rows[measure])
+            panel.set_ylabel(MEASURES[measure] + (" [%]" if measure in shares else ""))
+            _scale(panel.yaxis, data.loc[data["measure"] == measure, "value"])
             if pd.api.types.is_numeric_dtype(data["x"]):
                 _scale(panel.xaxis, rows[axis.name])
+            elif data["x"].nunique() > _MOST_COLORS:
+                panel.tick_params(axis="x", rotation=60)
         grid.tight_layout()
     figure: Figure = grid.figure
     plt.close(figure)
     return figure
+
+
+def _is_percent(values: pd.Series) -> bool:
+    """Returns whether values are those of a yes-or-no measure of which some are yes."""
+    return 100 in set(values) <= {0, 100}
+
+
+def _middle(values: pd.Series) -> float:
+    return float(np.mean(values) if _is_percent(values) else np.median(values))
+
+
+def _spread(values: pd.Series) -> tuple[float, float]:
+    """Returns the exact interval of a share, or the quartiles of numbers."""
+    if _is_percent(values):
+        return _interval_ends(values)
+    low, high = np.percentile(values, (25, 75))
+    return float(low), float(high)
 
 
 def _scale(axis: Any, values: pd.Series) -> None:
