@@ -29,7 +29,7 @@ from drake_pregrasp.errors import (
     ScenarioError,
 )
 from drake_pregrasp.estimation.fault_settings import MeasurementFaults
-from drake_pregrasp.estimation.pose_filter import PoseFilterNoise
+from drake_pregrasp.estimation.pose_belief import PoseFilterNoise
 from drake_pregrasp.estimation.pose_track import MeasurementVerdict, TrackingStatus
 from drake_pregrasp.geometry.box_surface import box_surface
 from drake_pregrasp.geometry.mesh_surface import mesh_surface

@@ -22,16 +22,18 @@ def sampled_motion(rng, noise, dt, steps=40):
 
 
 def measured(rng, p, R, noise, p_OCoM=(0.0, 0.0, 0.0)):
-    """Returns the centres of mass that measured poses imply, and their orientations."""
+    """Returns the measured positions of O and its measured orientations, for centres of mass p."""
     R_z = Rotation.from_rotvec(rng.normal(scale=noise.orientation, size=p.shape)) * R
-    p_WO = p - R.apply(p_OCoM) + rng.normal(scale=noise.position, size=p.shape)
-    return p_WO + R_z.apply(p_OCoM), R_z
+    return p - R.apply(p_OCoM) + rng.normal(scale=noise.position, size=p.shape), R_z
 
 
 def normalized_squares(belief, p, v, R, w):
     """Returns eᵀ P⁻¹ e of the position with its velocity, and of the orientation with its rate."""
-    e = np.append(p - belief.p_WCoM, v - belief.v_WCoM)
-    theta = (R * Rotation.from_matrix(belief.R_WO).inv()).as_rotvec()
-    e_R = np.append(theta, w - belief.w_WO)
-    P, P_R = belief.P_position, belief.P_orientation
-    return e @ np.linalg.solve(P, e), e_R @ np.linalg.solve(P_R, e_R)
+    theta = (R * Rotation.from_matrix(belief.R_WO[0]).inv()).as_rotvec()
+    e = np.concatenate([theta, p - belief.p_WCoM[0], np.append(w, v) - belief.V_WCoM[0]])
+    translation = np.r_[3:6, 9:12]
+    rotation = np.r_[0:3, 6:9]
+    return tuple(
+        e[part] @ np.linalg.solve(belief.P[0][np.ix_(part, part)], e[part])
+        for part in (translation, rotation)
+    )

@@ -15,6 +15,7 @@ _COMMANDS = {
     "bench": ("bench.bench", "measure planning times"),
     "gallery": ("gallery.gallery:make_gallery", "make pictures of the shipped scenarios"),
     "grasps": ("gallery.gallery:picture_grasps", "make pictures of the shipped hands"),
+    "tracking": ("tracking", "measure the errors of the pose estimate on random motions"),
 }
 
 _EXTRA = "dask distributed jinja2 markupsafe pandas seaborn statsmodels tabulate threadpoolctl"

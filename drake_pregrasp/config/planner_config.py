@@ -1,13 +1,17 @@
 """Configuration of the planner, of its pose estimator and of the measures of its contacts."""
 
-from dataclasses import dataclass, field, replace
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.sensor_config import ORIENTATION_NOISE, POSITION_NOISE
 from drake_pregrasp.contacts.strategies import BLEND, READINGS, STRATEGIES
-from drake_pregrasp.estimation.pose_filter import PoseFilterNoise
+from drake_pregrasp.estimation.pose_belief import PoseFilterNoise
 from drake_pregrasp.estimation.pose_track import TrackerSettings
+from drake_pregrasp.geometry.rotations import rotation_group
 from drake_pregrasp.quality.force_closure import FRICTION, TORSIONAL_FRICTION
 from drake_pregrasp.quality.grasp_quality import CONTACT_MODELS
 from drake_pregrasp.regions.coordinates import GIVEN, QUANTITIES
@@ -19,6 +23,12 @@ LARGEST_SCALE = 1e4
 
 MOST_LATE = 1000
 """Largest number of used measurements that may be newer than an out-of-sequence one."""
+
+INITIAL_VELOCITY = 3.0
+"""Standard deviation of the velocity before the first measurement, in m/s."""
+
+INITIAL_ANGULAR_VELOCITY = 15.0
+"""Standard deviation of the angular velocity before the first measurement, in rad/s."""
 
 _STD = {"above": 0, "at_most": 10}
 _RATE = {"above": 0, "at_most": 1000}
@@ -36,22 +46,19 @@ class EstimatorConfig:
     # Standard deviation of a measured orientation, as a rotation vector, in radians.
     orientation_std: float = field(default=0.0035, metadata=_STD | ORIENTATION_NOISE)
 
-    # Square root of the spectral density of the object's random acceleration, in m/s^2/sqrt(Hz).
+    # Square root of the spectral density of the object's random acceleration while it keeps its
+    # velocity, in m/s^2/sqrt(Hz).
     acceleration: float = field(default=0.001, metadata=_RATE)
 
     # Square root of the spectral density of its random angular acceleration, in rad/s^2/sqrt(Hz).
     angular_acceleration: float = field(default=0.01, metadata=_RATE)
 
-    # The same two densities for a sudden change of motion, which is assumed if two measurements in
-    # a row are evidence of the same one, and the later one would otherwise be an outlier.
-    sudden_acceleration: float = field(default=0.3, metadata=_RATE)
-    sudden_angular_acceleration: float = field(default=1.0, metadata=_RATE)
+    # The same two densities while it changes its motion, such as on a circle or in free flight.
+    manoeuvre_acceleration: float = field(default=1.5, metadata=_RATE)
+    manoeuvre_angular_acceleration: float = field(default=5.0, metadata=_RATE)
 
-    # Standard deviation of the velocity before the first measurement, in m/s.
-    initial_velocity_std: float = field(default=0.1, metadata=_RATE)
-
-    # Standard deviation of the angular velocity before the first measurement, in rad/s.
-    initial_angular_velocity_std: float = field(default=0.5, metadata=_RATE)
+    # Mean number of changes of the motion per second; 0 if it never changes.
+    manoeuvre_rate: float = field(default=0.5, metadata={"at_least": 0, "at_most": 1000})
 
     # Mean acceleration along -z of W, in m/s^2: 0 for an object that is carried, 9.81 for one in
     # free flight.
@@ -64,16 +71,17 @@ class EstimatorConfig:
         metadata={"at_least": 0, "at_most": 10, "typical": (0.0, 0.5), "unit": "ms"},
     )
 
-    # Mahalanobis distance from its prediction beyond which a measured position or orientation is an
-    # outlier; 0 accepts all measurements.
-    gate: float = field(default=7.0, metadata=_WEIGHT)
+    # Rotations of O that leave the object unchanged, as rotation vectors in radians, such as
+    # [[0, 0, 3.14159265]] for half a turn about z. What follows from them by repetition and
+    # combination counts, too. A measured orientation is replaced by the nearest equivalent one.
+    symmetry: list[list[float]] = field(
+        default_factory=list,
+        metadata={"elements": {"length": 3, "at_least": -math.pi, "at_most": math.pi}},
+    )
 
-    # Number of consecutive outliers, consistent with each other, that are accepted as a jump.
-    reacquire_after: int = field(default=3, metadata={"at_least": 1, "at_most": 1000})
-
-    # Whether a measurement that equals the last one bit by bit is refused, if the object moves and
-    # the sensor is known to be noisy.
-    refuse_repeats: bool = True
+    # Mahalanobis distance of a measured pose from the predictions of all models beyond which it is
+    # an outlier; 0 accepts all measurements.
+    gate: float = field(default=5.0, metadata=_WEIGHT)
 
     # Largest number of used measurements that are newer than an out-of-sequence one; an older one
     # is refused.
@@ -83,8 +91,8 @@ class EstimatorConfig:
     # the prediction.
     coast_after: float = field(default=0.1, metadata=_TIME)
 
-    # Seconds by which a measurement is overdue when the object is lost: goals then stay. At least
-    # coast_after.
+    # Seconds by which a confirmation by measurements is overdue when the object is lost: goals then
+    # stay. At least coast_after.
     lost_after: float = field(default=1.0, metadata=_TIME)
 
 
@@ -95,9 +103,12 @@ def filter_noise(config: EstimatorConfig) -> PoseFilterNoise:
         orientation=config.orientation_std,
         acceleration=config.acceleration,
         angular_acceleration=config.angular_acceleration,
-        initial_velocity=config.initial_velocity_std,
-        initial_angular_velocity=config.initial_angular_velocity_std,
+        initial_velocity=INITIAL_VELOCITY,
+        initial_angular_velocity=INITIAL_ANGULAR_VELOCITY,
         gravity=config.gravity,
+        manoeuvre_acceleration=config.manoeuvre_acceleration,
+        manoeuvre_angular_acceleration=config.manoeuvre_angular_acceleration,
+        manoeuvre_rate=config.manoeuvre_rate,
     )
 
 
@@ -107,22 +118,12 @@ def tracker_settings(config: EstimatorConfig, p_OCoM: FloatArray | None = None) 
     Args:
         config: Assumptions of the estimator.
         p_OCoM: Centre of mass in O, shape (3,), in metres; the origin of O by default.
+
+    Raises:
+        InvalidArgumentError: If `symmetry` has too many rotations.
     """
-    noise = filter_noise(config)
-    return TrackerSettings(
-        noise=noise,
-        sudden=replace(
-            noise,
-            acceleration=max(config.acceleration, config.sudden_acceleration),
-            angular_acceleration=max(
-                config.angular_acceleration, config.sudden_angular_acceleration
-            ),
-        ),
-        gate=config.gate,
-        reacquire_after=config.reacquire_after,
-        refuse_repeats=config.refuse_repeats,
-        p_OCoM=p_OCoM,
-    )
+    symmetry = rotation_group(np.reshape(config.symmetry, (-1, 3)))
+    return TrackerSettings(filter_noise(config), config.gate, symmetry, p_OCoM)
 
 
 @dataclass

@@ -6,22 +6,20 @@ import numpy as np
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.estimation.pose_filter import (
+from drake_pregrasp.estimation.pose_belief import (
     PoseBelief,
     PoseFilterNoise,
     PoseMeasurement,
     first_belief,
-    predict,
     shifted,
-    transitions,
-    update,
 )
+from drake_pregrasp.estimation.pose_filter import filter_step, predict, transitions
 from drake_pregrasp.geometry.rotations import rotation_vector
 
 
 def filter_poses(
     times: FloatArray,
-    p_WCoM: FloatArray,
+    p_WO: FloatArray,
     R_WO: FloatArray,
     noise: PoseFilterNoise,
     p_OCoM: FloatArray | None = None,
@@ -30,16 +28,15 @@ def filter_poses(
 
     Args:
         times: Times of the measurements, increasing, shape (k,), in seconds.
-        p_WCoM: Centres of mass that the measured poses imply, shape (k, 3), in metres.
+        p_WO: Measured positions, shape (k, 3), in metres.
         R_WO: Measured orientations, shape (k, 3, 3).
         noise: Noise and motion that the filter assumes.
         p_OCoM: Centre of mass in O, shape (3,), in metres; the origin of O by default.
     """
     beliefs: list[PoseBelief] = []
-    for measurement in map(PoseMeasurement, times.tolist(), p_WCoM, R_WO):
+    for measurement in map(PoseMeasurement, times.tolist(), p_WO, R_WO):
         if beliefs:
-            prior = predict(beliefs[-1], measurement.time - beliefs[-1].time, noise)
-            beliefs.append(update(prior, measurement, noise, p_OCoM))
+            beliefs.append(filter_step(beliefs[-1], measurement, noise, p_OCoM)[1].belief)
         else:
             beliefs.append(first_belief(measurement, noise, p_OCoM))
     return beliefs
@@ -57,7 +54,7 @@ def smooth(beliefs: Sequence[PoseBelief], noise: PoseFilterNoise) -> list[PoseBe
     The newest belief stays as it is, because no later measurement can improve it.
 
     Args:
-        beliefs: The filter's beliefs after each measurement, times increasing.
+        beliefs: The beliefs of a single model after each measurement, times increasing.
         noise: Noise and motion that the filter assumed.
 
     Raises:
@@ -78,19 +75,10 @@ def _step_back(
     belief: PoseBelief, later: PoseBelief, dt: float, noise: PoseFilterNoise
 ) -> PoseBelief:
     predicted = predict(belief, dt, noise)
-    # Position and orientation are stacked, as in `Innovation`.
-    P, P_predicted, P_later = (
-        np.array([b.P_position, b.P_orientation]) for b in (belief, predicted, later)
-    )
-    theta = rotation_vector(later.R_WO @ predicted.R_WO.T)
-    difference = np.array(
-        [
-            [later.p_WCoM - predicted.p_WCoM, later.v_WCoM - predicted.v_WCoM],
-            [theta, later.w_WO - predicted.w_WO],
-        ]
-    ).reshape(2, 6, 1)
-    F = np.array(transitions(belief, dt))
-    C = np.linalg.solve(P_predicted, F @ P).transpose(0, 2, 1)
-    P += C @ (P_later - P_predicted) @ C.transpose(0, 2, 1)
-    dx, de = (C @ difference)[:, :, 0]
-    return shifted(belief, dx, de, P)
+    theta = rotation_vector(later.R_WO[0] @ predicted.R_WO[0].T)
+    offset, change = later.p_WCoM - predicted.p_WCoM, later.V_WCoM - predicted.V_WCoM
+    difference = np.hstack([theta[None], offset, change])
+    F = transitions(belief, dt)
+    C = np.linalg.solve(predicted.P, F @ belief.P).transpose(0, 2, 1)
+    P = belief.P + C @ (later.P - predicted.P) @ C.transpose(0, 2, 1)
+    return shifted(belief, np.einsum("kij,kj->ki", C, difference), P)

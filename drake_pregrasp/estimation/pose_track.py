@@ -1,23 +1,23 @@
 """State of the tracker: measurements, beliefs, and an alternative hypothesis; and its settings."""
 
 import math
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from enum import IntEnum, unique
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from drake_pregrasp.arrays import SLACK, FloatArray, pack, unpacker
-from drake_pregrasp.estimation.pose_filter import (
-    NO_BELIEF,
+from drake_pregrasp.estimation.pose_belief import (
+    MODELS,
     NO_MEASUREMENT,
-    Innovation,
     PoseBelief,
     PoseFilterNoise,
     boosted,
-    filter_step,
+    no_belief,
 )
+from drake_pregrasp.estimation.pose_filter import Correction, filter_step
 
 
 @unique
@@ -26,9 +26,9 @@ class TrackingStatus(IntEnum):
 
     Attributes:
         WAITING: No measurement was used yet.
-        TRACKING: A recent measurement was used.
-        COASTING: The estimate is a prediction that is still good enough to follow.
-        LOST: The last measurement is too old to follow a prediction: the estimate stands still.
+        TRACKING: The last measurements confirm the estimate: its error is within its covariance.
+        COASTING: The estimate is a prediction, or no further measurement has confirmed it yet.
+        LOST: The last confirmation is too old to follow a prediction: the estimate stands still.
     """
 
     WAITING = 0
@@ -50,25 +50,6 @@ FOLLOWED = (TrackingStatus.TRACKING, TrackingStatus.COASTING)
 """Values of `TrackingStatus` with which goals may follow the estimate."""
 
 
-def tracking_status(
-    since_measurement: float, period: float, coast_after: float, lost_after: float
-) -> TrackingStatus:
-    """Returns the status for the time by which the next measurement is overdue.
-
-    Args:
-        since_measurement: Seconds since the newest measurement that was used; inf if none was.
-        period: Seconds between measurements.
-        coast_after: Seconds overdue beyond which the status is `COASTING`.
-        lost_after: Seconds overdue beyond which the status is `LOST`.
-    """
-    if since_measurement == math.inf:
-        return TrackingStatus.WAITING
-    overdue = since_measurement - (1 + SLACK) * period
-    if overdue <= coast_after:
-        return TrackingStatus.TRACKING
-    return TrackingStatus.COASTING if overdue <= lost_after else TrackingStatus.LOST
-
-
 @unique
 class MeasurementVerdict(IntEnum):
     """Result of the check of a measurement.
@@ -78,14 +59,13 @@ class MeasurementVerdict(IntEnum):
         USED: The measurement corrected the newest belief.
         USED_LATE: The measurement corrected the belief of its own time, and the later measurements
             were used again.
-        STARTED: The belief starts from this measurement: it is the first one, or the belief before
-            it is too uncertain.
-        REACQUIRED: The measurement and the refused ones before it refute the belief, which
+        STARTED: The belief starts from this measurement: it is the first one, or the first one
+            after a long silence.
+        REACQUIRED: The measurement and the refused ones before it agree with each other: the belief
             continues from them.
         UNUSABLE: Refused: its time or its pose is invalid.
         TOO_LATE: Refused: it is older than all measurements in memory.
-        OUTLIER: Refused: it is too far from the prediction, or the alternative hypothesis explains
-            it better than a belief that is not confirmed yet.
+        OUTLIER: Refused: no model of the motion explains it.
         REPEATED: Refused: a sensor with noise has repeated itself to the last bit.
     """
 
@@ -100,20 +80,18 @@ class MeasurementVerdict(IntEnum):
     REPEATED = 8
 
 
-unpack_belief = unpacker(NO_BELIEF)
-"""Returns the belief in a vector, such as an alternative hypothesis."""
-
 unpack_measurement = unpacker(NO_MEASUREMENT)
-"""Returns the measurement in a vector, such as a row of `PoseTrack.recent`."""
-
-NO_ALTERNATIVE = pack(NO_BELIEF)
-"""Placeholder for a missing alternative hypothesis."""
+"""Returns the measurement in a vector, such as in a row of `PoseTrack.steps`."""
 
 MEASUREMENT_SIZE = len(pack(NO_MEASUREMENT))
 """Number of columns of `PoseTrack.steps` that hold the measurement; the belief comes after it."""
 
-RECENT = 16
-"""Number of newest measurements in which a manoeuvre is searched for."""
+CONFIRMATIONS = 2
+"""Number of consecutive measurements that confirm a belief."""
+
+SUPPORT = 3
+"""Number of refused measurements in a row that refute a belief if they agree with each other. The
+first two only tell a twist."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,55 +100,77 @@ class PoseTrack:
 
     Attributes:
         steps: Newest measurements that were used, each with the belief after it, oldest first,
-            shape (memory, 104); empty rows come first and have the time -inf.
-        recent: Newest valid measurements, whether used or not, oldest first, each with νᵀ S⁻¹ ν of
-            position and orientation, shape (`RECENT`, 15); empty rows come first and have the time
-            -inf.
-        alternative: Alternative hypothesis, shape (91,): the belief that follows from refused
+            shape (memory, 13 + b); empty rows come first and have the time -inf.
+        last_seen: Last valid measurement, whether used or not, shape (13,).
+        alternative: Alternative hypothesis, shape (b,): the belief that follows from refused
             measurements that agree with each other; its time is -inf if there are none.
         support: Number of measurements that support the alternative hypothesis.
-        refused: Number of outliers in excess of measurements that were used, at least 0; again 0
-            once enough measurements in a row were used.
-        confirmed: Number of measurements that were used since the last outlier.
-        is_locked: Whether the measurements since the belief's start confirm its twist. The first
-            measurement of all counts as confirmed until another one contradicts it.
-        noise_level: Measurement-noise estimate, as a share of the expected noise, from 0 to 1.
+        refused: Number of outliers since the newest measurement that was used.
+        begun_at: Time up to which measurements can no longer be used, in seconds.
+        confirmations: Number of measurements in a row that confirmed the belief, at most
+            `CONFIRMATIONS`.
+        confirmed_at: Time of the last measurement with which the belief was confirmed, or of the
+            first measurement if there was none yet, in seconds.
+        noise_level: Measurement-noise estimate, as a share of the assumed noise, from 0 to 1.
         excess: Measured variance of recent innovations, relative to their expected variance.
         noise_factor: Measurement-noise estimate: variance of the sensor's noise over the assumed
             one. It is the excess, or 1 if the excess may be chance.
         verdict: Result of the check of the last measurement.
-        last_innovation: Innovation of the newest measurement that was used in time, shape (2, 3).
+        last_residual: Residual of the newest measurement that was used in time, shape (6,).
         innovation_squared: νᵀ S⁻¹ ν of position and orientation of the last measurement that was
-            compared with a prediction, shape (2,).
+            compared with a prediction, in the mean over the models, shape (2,).
         V_held: Twist of the object that was known at the last tick, because a hand held it: angular
-            velocity in rad/s and velocity of the centre of mass in m/s, in W, shape (2, 3); NaN if
+            velocity in rad/s and velocity of the centre of mass in m/s, in W, shape (6,); NaN if
             none was known.
     """
 
     steps: FloatArray
-    recent: FloatArray
+    last_seen: FloatArray
     alternative: FloatArray
     support: int
     refused: int
-    confirmed: int
-    is_locked: bool
+    begun_at: float
+    confirmations: int
+    confirmed_at: float
     noise_level: float
     excess: float
     noise_factor: float
     verdict: MeasurementVerdict
-    last_innovation: FloatArray
+    last_residual: FloatArray
     innovation_squared: FloatArray
     V_held: FloatArray
-
-    @property
-    def last_seen(self) -> FloatArray:
-        """Last valid measurement, whether used or not, shape (13,)."""
-        return self.recent[-1, :MEASUREMENT_SIZE]
 
     @cached_property
     def newest(self) -> PoseBelief:
         """Belief after the newest measurement that was used, which ends the last step."""
         return unpack_belief(self.steps[-1, MEASUREMENT_SIZE:])
+
+    @property
+    def none(self) -> FloatArray:
+        """Placeholder for a missing alternative hypothesis, with the time -inf."""
+        return np.full_like(self.alternative, -np.inf)
+
+    def status(
+        self, now: float, period: float, coast_after: float, lost_after: float
+    ) -> TrackingStatus:
+        """Returns the status at a time.
+
+        Args:
+            now: Time, in seconds.
+            period: Seconds between measurements.
+            coast_after: Seconds by which a measurement is overdue at most while it is `TRACKING`.
+            lost_after: Seconds by which a confirmation is overdue at most before it is `LOST`.
+        """
+        newest = float(self.steps[-1, 0])
+        if newest == -math.inf:
+            return TrackingStatus.WAITING
+        due = now - (1 + SLACK) * period
+        if due - self.confirmed_at > lost_after:
+            return TrackingStatus.LOST
+        is_confirmed = self.confirmations == CONFIRMATIONS and not self.refused
+        if is_confirmed and due - newest <= coast_after:
+            return TrackingStatus.TRACKING
+        return TrackingStatus.COASTING
 
     def with_twist(self, V_held: FloatArray, time: float) -> "PoseTrack":
         """Returns the track after a known change of the object's twist.
@@ -178,7 +178,7 @@ class PoseTrack:
         Beliefs continue with the new twist. Measurements from before it can no longer be used.
 
         Args:
-            V_held: Present twist, shape (2, 3), as the attribute; NaN if none is known.
+            V_held: Present twist, shape (6,), as the attribute; NaN if none is known.
             time: Time at which the twist changed, in seconds.
         """
         if V_held.tobytes() == self.V_held.tobytes():  # Also if both are unknown.
@@ -186,84 +186,55 @@ class PoseTrack:
         dV, after = V_held - self.V_held, replace(self, V_held=V_held)
         if np.any(np.isnan(dV)) or not np.any(dV) or self.newest.time == -math.inf:
             return after
-        steps = PoseTrack.empty(len(self.steps)).steps
+        steps = np.full_like(self.steps, -np.inf)
         newest = pack(boosted(self.newest, dV, time))
         steps[-1] = np.append(self.steps[-1, :MEASUREMENT_SIZE], newest)
         alternative = self.alternative
         if alternative[0] > -math.inf:
             alternative = pack(boosted(unpack_belief(alternative), dV, time))
-        return replace(after, steps=steps, alternative=alternative)
+        return replace(after, steps=steps, alternative=alternative, begun_at=self.newest.time)
 
     @staticmethod
-    def empty(memory: int) -> "PoseTrack":
+    def empty(memory: int, models: int = 1) -> "PoseTrack":
         """Returns the track before the first measurement.
 
         Args:
             memory: Number of steps in memory, at least 1.
+            models: Number of models of the motion.
         """
+        belief, measurement = pack(no_belief(models)), pack(NO_MEASUREMENT)
         return PoseTrack(
-            steps=np.tile(np.concatenate([pack(NO_MEASUREMENT), NO_ALTERNATIVE]), (memory, 1)),
-            recent=np.tile(np.append(pack(NO_MEASUREMENT), np.zeros(2)), (RECENT, 1)),
-            alternative=NO_ALTERNATIVE,
+            steps=np.tile(np.concatenate([measurement, belief]), (memory, 1)),
+            last_seen=measurement,
+            alternative=belief,
             support=0,
             refused=0,
-            confirmed=0,
-            is_locked=True,
+            begun_at=-math.inf,
+            confirmations=0,
+            confirmed_at=-math.inf,
             noise_level=0.0,
             excess=1.0,
             noise_factor=1.0,
             verdict=MeasurementVerdict.NOTHING_NEW,
-            last_innovation=np.zeros((2, 3)),
+            last_residual=np.zeros(6),
             innovation_squared=np.zeros(2),
-            V_held=np.full((2, 3), np.nan),
+            V_held=np.full(6, np.nan),
         )
 
 
-class FilterStep:
-    """Implementation of `filter_step`, and of several steps; a subclass may be faster."""
+def unpack_belief(vector: FloatArray) -> PoseBelief:
+    """Returns the belief in a vector, such as an alternative hypothesis.
 
-    __call__ = staticmethod(filter_step)
-
-    def replay(
-        self,
-        belief: PoseBelief,
-        seen: FloatArray,
-        first: tuple[float, float],
-        noise: PoseFilterNoise,
-        *assumed: Any,
-    ) -> list[tuple[PoseBelief, Innovation]]:
-        """Returns the belief after each of several measurements, and the innovation.
-
-        Args:
-            belief: Belief before the first measurement.
-            seen: The measurements in vectors, in the order of their times, shape (k, 13).
-            first: `acceleration` and `angular_acceleration` of the noise until the first one.
-            noise: Assumed noise and motion after the first one.
-            assumed: The last two arguments of `filter_step`.
-        """
-        steps, own = [], replace(noise, acceleration=first[0], angular_acceleration=first[1])
-        for row in seen:
-            _, new, belief = self(belief, unpack_measurement(row), own, *assumed)
-            steps.append((belief, new))
-            own = noise
-        return steps
-
-    def squares(self, *replayed: Any) -> FloatArray:
-        """Returns νᵀ S⁻¹ ν of position and orientation, and log det S, in a replay.
-
-        Args:
-            replayed: Arguments of `replay`.
-
-        Returns:
-            Both for each measurement, shape (k, 2, 2): squares first, then logarithms.
-        """
-        innovations = [new for _, new in self.replay(*replayed)]
-        log_det = np.linalg.slogdet([new.S for new in innovations])[1]
-        return np.stack([[new.squared for new in innovations], log_det], axis=1)
+    Args:
+        vector: Packed belief of K models, shape (1 + 163 K,).
+    """
+    return _UNPACKERS[len(vector)](vector)
 
 
-FIRST_GATE = 4.0
-"""Gate of a velocity that was never measured, in standard deviations of its prior."""
+_UNPACKERS = {len(pack(no_belief(k))): unpacker(no_belief(k)) for k in (1, len(MODELS))}
+
+FilterStep = Callable[..., tuple[PoseBelief, Correction]]
+"""Function with the arguments and the result of `filter_step`."""
 
 
 @dataclass(frozen=True)
@@ -272,42 +243,21 @@ class TrackerSettings:
 
     Attributes:
         noise: Noise and motion that the filter assumes.
-        sudden: The same with the accelerations of a sudden manoeuvre; see `find_manoeuvre`.
-        gate: Mahalanobis distance from the prediction, of the position and of the orientation,
-            beyond which a measurement is an outlier; 0 to use all measurements.
-        reacquire_after: Number of refused measurements in a row, which agree with each other, that
-            refute the belief.
-        refuse_repeats: Whether to refuse measurements that repeat the one before to the last bit,
-            while the object moves and the sensor has noise.
+        gate: Mahalanobis distance of a measured pose from the prediction of each model beyond which
+            it is an outlier; 0 to use all measurements.
+        symmetry: Rotations of O that leave the object unchanged, with the identity, shape
+            (s, 3, 3).
         p_OCoM: Centre of mass in O, shape (3,), in metres; the origin of O by default.
         step: Implementation of the filter's steps.
     """
 
     noise: PoseFilterNoise
-    sudden: PoseFilterNoise
     gate: float
-    reacquire_after: int
-    refuse_repeats: bool
+    symmetry: FloatArray
     p_OCoM: FloatArray | None = None
-    step: FilterStep = field(default_factory=FilterStep)
+    step: FilterStep = filter_step
 
     @cached_property
     def gate_squared(self) -> float:
         """Largest νᵀ S⁻¹ ν of a measurement that is used."""
         return self.gate * self.gate if self.gate > 0 else math.inf  # A power may overflow.
-
-    @cached_property
-    def first_gate_squared(self) -> float:
-        """Largest νᵀ S⁻¹ ν that is used while the velocity has not been measured.
-
-        The difference of two poses, which tells a velocity of any size, explains larger ones.
-        """
-        return min(self.gate_squared, FIRST_GATE**2) if self.gate > 0 else math.inf
-
-    def gates_squared(self, belief: PoseBelief) -> FloatArray:
-        """Returns the largest νᵀ S⁻¹ ν of a position and an orientation that a belief expects.
-
-        A velocity of exactly zero was never measured.
-        """
-        unknown = [not belief.v_WCoM.any(), not belief.w_WO.any()]
-        return np.where(unknown, self.first_gate_squared, self.gate_squared)

@@ -5,7 +5,7 @@ from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.fast.goals import CompiledGoals
 from drake_pregrasp.fast.kernels import HandKernels, Kernels
 from drake_pregrasp.fast.labels import CompactCandidates
-from drake_pregrasp.fast.pose_steps import CompiledFilterStep
+from drake_pregrasp.fast.pose_steps import compiled_filter_step, compiled_merged
 from drake_pregrasp.fast.predicates import compiled_limits_at
 from drake_pregrasp.fast.projection import CompiledSurface
 from drake_pregrasp.quality.force_closure import LargestMinimum, largest_minimum
@@ -48,7 +48,8 @@ COMPILED = Kernels(
     goals=CompiledGoals,
     slip_radii=_slip_radii,
     largest_minimum=_largest_minimum,
-    filter_step=CompiledFilterStep,
+    filter_step=compiled_filter_step,
+    merged=compiled_merged,
     hand=_hand,
 )
 """The implementation in numba."""

@@ -6,6 +6,8 @@ from functools import partial
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.selection_input import GoalFunction
+from drake_pregrasp.estimation.pose_belief import PoseBelief
+from drake_pregrasp.estimation.pose_filter import filter_step, merged
 from drake_pregrasp.estimation.pose_track import FilterStep
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.clearances import Clearances, clearances
@@ -47,7 +49,8 @@ class Kernels:
             one.
         slip_radii: Function that returns `slip_radii_within` of hard fingers.
         largest_minimum: Function that returns `largest_minimum`.
-        filter_step: Function that returns the steps of the pose filter.
+        filter_step: `filter_step` of the pose filter.
+        merged: `merged` of the pose filter.
         hand: Function that returns those of a hand.
     """
 
@@ -58,7 +61,8 @@ class Kernels:
     goals: Callable[..., GoalFunction] | None
     slip_radii: Callable[[], SlipRadii]
     largest_minimum: Callable[[], LargestMinimum]
-    filter_step: Callable[[], FilterStep]
+    filter_step: FilterStep
+    merged: Callable[[PoseBelief], PoseBelief]
     hand: Callable[[], HandKernels]
 
 
@@ -70,7 +74,8 @@ REFERENCE = Kernels(
     goals=None,
     slip_radii=lambda: slip_radii_within,
     largest_minimum=lambda: largest_minimum,
-    filter_step=FilterStep,
+    filter_step=filter_step,
+    merged=merged,
     hand=lambda: HandKernels(forward_kinematics, clearances, next_velocities),
 )
 """The implementation in numpy."""

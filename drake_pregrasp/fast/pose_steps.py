@@ -1,30 +1,29 @@
-"""Steps of the pose filter, each from a belief to the posterior of the next measurement."""
+"""Step of the pose filter, from a belief to its correction by the next measured pose."""
 
-from math import log
-from typing import Any
+from math import exp, log
 
 import numpy as np
 
-from drake_pregrasp.arrays import FloatArray, pack
-from drake_pregrasp.estimation import pose_filter as pf
-from drake_pregrasp.estimation.pose_track import FilterStep
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.estimation.pose_belief import PoseBelief, PoseFilterNoise, PoseMeasurement
+from drake_pregrasp.estimation.pose_filter import Correction
 from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.geometry.rotations import rotation_components, rotation_rows
 
-_ZERO = np.zeros((3, 1))
+_ZERO, _ONE = np.zeros(3), np.ones(1)
 
 exponential, logarithm = compiled()(rotation_rows), compiled()(rotation_components)
 
 
 @compiled()
 def multiply(A, B, product):  # type: ignore[no-untyped-def]
-    """Writes the product of two matrices."""
-    for row in range(A.shape[0]):
-        for column in range(B.shape[1]):
-            total = 0.0
-            for k in range(A.shape[1]):
-                total += A[row, k] * B[k, column]
-            product[row, column] = total
+    """Writes the product of two matrices of shape (3, 3)."""
+    for row in range(3):
+        for column in range(3):
+            product[row, column] = (
+                A[row, 0] * B[0, column] + A[row, 1] * B[1, column] + A[row, 2] * B[2, column]
+            )
 
 
 @compiled()
@@ -37,185 +36,269 @@ def rotate(theta, order, R):  # type: ignore[no-untyped-def]
 
 
 @compiled()
-def invert(A):  # type: ignore[no-untyped-def]
-    """Inverts a positive definite matrix in its place, shape (3, 3), and returns log det."""
-    determinant = 1.0
-    for k in range(3):
-        pivot = A[k, k]
-        determinant *= pivot
-        A[k, k] = 1.0
-        for column in range(3):
-            A[k, column] /= pivot
-        for row in range(3):
-            factor = A[row, k] if row != k else 0.0
-            A[row, k] = 0.0 if row != k else A[row, k]
-            for column in range(3):
-                A[row, column] -= factor * A[k, column]
-    return log(determinant)
+def turn_between(A, B, work, theta):  # type: ignore[no-untyped-def]
+    """Writes the rotation vector of A Bᵀ, shape (3,)."""
+    multiply(A, B.T, work)
+    a, b, c = work[0], work[1], work[2]
+    theta[0], theta[1], theta[2] = logarithm(a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2])
 
 
 @compiled()
-def write_step(means, R, P, K, nu, squares, measured, com, dt, gravity, densities, variances):  # type: ignore[no-untyped-def]
-    """Writes the prior, the innovation and the posterior, as `filter_step` does.
+def write_joint(weights, R, x, P, work, mean, joint):  # type: ignore[no-untyped-def]
+    """Writes the mean and the covariance of a mixture; the arguments are as in `write_mixed`.
 
-    Position and orientation are stacked, in this order.
+    Afterwards x has the differences from the mean, and work[1] the orientation from which theta is
+    counted.
+    """
+    models, likeliest = len(weights), 0
+    for k in range(1, models):
+        if weights[k] > weights[likeliest]:
+            likeliest = k
+    mean[:] = 0.0
+    joint[:] = 0.0
+    work[1, :, :] = R[likeliest]
+    for k in range(models):
+        turn_between(R[k], work[1], work[0], x[k])
+        for i in range(12):
+            mean[i] += weights[k] * x[k, i]
+    for k in range(models):
+        for i in range(12):
+            x[k, i] -= mean[i]
+        for i in range(12):
+            for j in range(12):
+                joint[i, j] += weights[k] * (P[k, i, j] + x[k, i] * x[k, j])
+
+
+@compiled()
+def write_mixed(weights, R, x, P, kept, work, mean, joint):  # type: ignore[no-untyped-def]
+    """Mixes the beliefs of models in their places, as `mixed` does.
 
     Args:
-        means: p_WCoM, v_WCoM and w_WO of prior and posterior, shape (2, 3, 3). The belief before
-            the step is in the place of the posterior, here and in R and P.
-        R: Orientations of prior and posterior; covariances of the measurement (2) and of `nu` (2);
-            and memory, shape (9, 3, 3).
-        P: Covariances of prior (2) and posterior (2), and zeros, shape (8, 6, 6).
-        K: Transposed gains (2), and memory, shape (4, 3, 6).
-        nu: Measured p_WCoM and memory; overwritten by the innovation, shape (2, 3).
-        squares: As in `FilterStep.squares`, for one measurement, shape (2, 2).
-        measured: Measured orientation, shape (3, 3).
-        com: Centre of mass in O, shape (3, 1), in metres.
-        dt: Seconds from the belief to the measurement.
-        gravity: Mean acceleration along -z of W, in m/s².
-        densities: Densities of linear and angular acceleration, shape (2,).
-        variances: Variances of measured position and orientation, shape (2,), in m² and rad².
+        weights: Probabilities, shape (K,).
+        R: Orientations, shape (K, 3, 3).
+        x: Memory (3), and then p, w and v, shape (K, 12).
+        P: Covariances, shape (K, 12, 12).
+        kept: Probability that the model is not drawn anew.
+        work: Memory, shape (4, 3, 3).
+        mean: Memory, shape (12,).
+        joint: Memory, shape (12, 12).
     """
-    prior, after, turn, jacobian, inverse = means[0], means[1], R[6], R[7], R[8]
-    F, A, product, square = P[4:6], P[6], P[7], 0.0
-    for k in range(3):
-        prior[0, k] = after[0, k] + after[1, k] * dt
-        prior[1, k], prior[2, k] = after[1, k], after[2, k]
-        nu[0, k], nu[1, k] = nu[0, k] - prior[0, k], after[2, k] * dt
-    nu[0, 2] += gravity * (dt * dt / 2)
-    prior[0, 2] -= gravity * (dt * dt / 2)
-    prior[1, 2] -= gravity * dt
-    rotate(nu[1], 0, turn)
-    rotate(nu[1], 1, jacobian)
-    multiply(turn, R[1], R[0])
-    multiply(measured, R[0].T, inverse)
-    a, b, c = inverse[0], inverse[1], inverse[2]
-    nu[1, 0], nu[1, 1], nu[1, 2] = logarithm(a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2])
-    multiply(R[0], com, product)
-    for k in range(3):
-        square += product[k, 0] * product[k, 0]
-    for row in range(3):
-        for column in range(3):
-            R[2, row, column] = -variances[1] * product[row, 0] * product[column, 0]
-            R[3, row, column] = variances[1] if row == column else 0.0
-            F[1, row, column], F[1, row, 3 + column] = turn[row, column], dt * jacobian[row, column]
-        R[2, row, row] += variances[0] + variances[1] * square
-        F[0, row, row] = F[0, 3 + row, 3 + row] = F[1, 3 + row, 3 + row] = 1.0
-        F[0, row, 3 + row] = dt
-    for part in range(2):
-        own, gain, shift, posterior = P[part], K[part], K[2], P[2 + part]
-        multiply(F[part], posterior, product)
-        multiply(product, F[part].T, own)
-        density = densities[part] * densities[part] * dt
-        for k in range(3):
-            own[k, k] += density * (dt * dt / 3)
-            own[k, 3 + k] += density * (dt / 2)
-            own[3 + k, k] += density * (dt / 2)
-            own[3 + k, 3 + k] += density
-        for row in range(3):
-            for column in range(3):
-                inverse[row, column] = own[row, column] + R[2 + part, row, column]
-                R[4 + part, row, column] = inverse[row, column]
-        squares[1, part] = invert(inverse)
-        multiply(inverse, own[:3], gain)
-        multiply(nu[part : part + 1], gain, shift)
-        multiply(inverse, nu[part : part + 1].T, product)
-        squares[0, part] = 0.0
-        for k in range(3):
-            squares[0, part] += nu[part, k] * product[k, 0]
-        for row in range(6):
-            for column in range(6):
-                A[row, column] = 1.0 if row == column else 0.0
-            for column in range(3):
-                A[row, column] -= gain[column, row]
-        multiply(A, own, product)
-        multiply(product, A.T, posterior)
-        multiply(R[2 + part], gain, K[3])
-        multiply(gain.T, K[3], product)
-        for row in range(6):
-            for column in range(6):
-                posterior[row, column] += product[row, column]
-        for k in range(3):
-            after[1 + part, k] = prior[1 + part, k] + shift[0, 3 + k]
-            if part == 0:
-                after[0, k] = prior[0, k] + shift[0, k]
-    rotate(K[2, 0], 0, turn)
-    multiply(turn, R[0], R[1])
+    models = len(weights)
+    write_joint(weights, R, x, P, work, mean, joint)
+    for k in range(models):
+        own = kept * weights[k]
+        weights[k] = own + (1 - kept) / models
+        own /= weights[k]
+        for i in range(12):
+            for j in range(12):
+                spread = own * (1 - own) * x[k, i] * x[k, j]
+                P[k, i, j] = own * P[k, i, j] + (1 - own) * joint[i, j] + spread
+        for i in range(12):
+            x[k, i] = mean[i] + own * x[k, i]
+        rotate(x[k], 0, work[0])
+        multiply(work[0], work[1], R[k])
+
+
+@compiled()
+def write_prior(R, x, P, dt, gravity, densities, work, rows):  # type: ignore[no-untyped-def]
+    """Predicts the belief of one model in its place, as `predict` does.
+
+    Args:
+        R: Orientation, shape (3, 3).
+        x: Memory (3), and then p, w and v, shape (12,).
+        P: Covariance, shape (12, 12).
+        dt: Length of the prediction, in seconds.
+        gravity: Mean acceleration along -z of W, in m/s².
+        densities: Densities of angular and linear acceleration, shape (2,).
+        work: Memory, shape (4, 3, 3).
+        rows: Memory, shape (3, 12).
+    """
+    turn, jacobian = work[0], work[1]
+    for i in range(3):
+        x[i] = x[6 + i] * dt
+        x[3 + i] += x[9 + i] * dt
+    x[5] -= gravity * (dt * dt / 2)
+    x[11] -= gravity * dt
+    rotate(x, 0, turn)
+    rotate(x, 1, jacobian)
+    work[2, :, :] = R
+    multiply(turn, work[2], R)
+    for part in range(2):  # F P, and then its transpose by Fᵀ, since P is symmetric.
+        M = P if part == 0 else P.T
+        for i in range(3):
+            for j in range(12):
+                total = 0.0
+                for k in range(3):
+                    total += turn[i, k] * M[k, j] + dt * jacobian[i, k] * M[6 + k, j]
+                rows[i, j] = total
+        for i in range(3):
+            for j in range(12):
+                M[i, j] = rows[i, j]
+                M[3 + i, j] += dt * M[9 + i, j]
+    for i in range(6):
+        density = densities[i // 3] * dt
+        P[i, i] += density * (dt * dt / 3)
+        P[i, 6 + i] += density * (dt / 2)
+        P[6 + i, i] += density * (dt / 2)
+        P[6 + i, 6 + i] += density
+
+
+@compiled()
+def write_correction(R, x, P, residual, squares, com, measured, variances, work, rows):  # type: ignore[no-untyped-def]
+    """Corrects the prior of one model in its place, and returns the logarithm of its likelihood.
+
+    The six components of the residual are used one after another, which is the same as `correct`.
+
+    Args:
+        R: Orientation, shape (3, 3).
+        x: Memory (3), and then p, w and v, shape (12,).
+        P: Covariance, shape (12, 12).
+        residual: Result of `pose_residual`, shape (6,).
+        squares: As in `Correction`, shape (6,).
+        com: Centre of mass in O, shape (3,), in metres.
+        measured: Measured orientation, and position, shape (12,).
+        variances: Variances of measured orientation and position.
+        work: Memory, shape (4, 3, 3).
+        rows: Memory, shape (3, 12).
+    """
+    turn_between(measured[:9].reshape(3, 3), R, work[0], residual)
+    cross, shift, row = work[3], rows[0], rows[1]
+    a = R[0, 0] * com[0] + R[0, 1] * com[1] + R[0, 2] * com[2]
+    b = R[1, 0] * com[0] + R[1, 1] * com[1] + R[1, 2] * com[2]
+    c = R[2, 0] * com[0] + R[2, 1] * com[1] + R[2, 2] * com[2]
+    cross[0, 0], cross[0, 1], cross[0, 2] = 0.0, -c, b
+    cross[1, 0], cross[1, 1], cross[1, 2] = c, 0.0, -a
+    cross[2, 0], cross[2, 1], cross[2, 2] = -b, a, 0.0
+    residual[3] = measured[9] - x[3] + a
+    residual[4] = measured[10] - x[4] + b
+    residual[5] = measured[11] - x[5] + c
+    shift[:] = 0.0
+    score = 0.0
+    for m in range(6):
+        error = residual[m] - shift[m]
+        for j in range(12):
+            row[j] = P[m, j]
+        if m >= 3:
+            for k in range(3):
+                error -= cross[m - 3, k] * shift[k]
+                for j in range(12):
+                    row[j] += cross[m - 3, k] * P[k, j]
+        variance = row[m] + variances[m // 3]
+        if m >= 3:
+            for k in range(3):
+                variance += cross[m - 3, k] * row[k]
+        squares[m] = error * error / variance
+        score -= (squares[m] + log(variance)) / 2
+        for i in range(12):
+            gain = row[i] / variance
+            shift[i] += gain * error
+            for j in range(12):
+                P[i, j] -= gain * row[j]
+    rotate(shift, 0, work[0])
+    work[1, :, :] = R
+    multiply(work[0], work[1], R)
+    for i in range(3, 12):
+        x[i] += shift[i]
+    return score
+
+
+@compiled("void(f8[::1], f8[:,:,::1], f8[:,::1], f8[:,:,::1], f8[:,::1], f8[::1], f8[:,::1])")
+def write_merged(weights, R, x, P, R_mean, mean, joint):  # type: ignore[no-untyped-def]
+    """Writes `merged`; the arguments are as in `write_mixed`, and the mean orientation."""
+    work = np.empty((3, 3, 3))
+    write_joint(weights, R, x, P, work, mean, joint)
+    rotate(mean, 0, work[0])
+    multiply(work[0], work[1], R_mean)
 
 
 @compiled(
-    "void(f8[:,:,::1], f8[:,:,::1], f8[:,:,::1], f8[:,:,::1], f8[:,::1], f8[:,:,::1], f8[:,::1],"
-    " f8[:,::1], f8, f8, UniTuple(UniTuple(f8, 2), 2), UniTuple(f8, 2))"
+    "void(f8[:,::1], f8[:,:,:,::1], f8[:,:,::1], f8[:,:,:,::1], f8[:,:,::1], f8[::1], f8[::1],"
+    " f8, f8, f8, f8[:,::1], UniTuple(f8, 2))"
 )
-def write_steps(means, R, P, K, nu, squares, seen, com, time, gravity, densities, variances):  # type: ignore[no-untyped-def]
-    """Writes the steps of `FilterStep.replay`.
+def write_step(weights, R, x, P, y, com, measured, dt, rate, gravity, densities, variances):  # type: ignore[no-untyped-def]
+    """Writes the prior and its correction, as `filter_step` does.
 
     Args:
-        means: As the next four, see `write_step`.
-        R: See `write_step`.
-        P: See `write_step`.
-        K: See `write_step`.
-        nu: See `write_step`; only memory before.
-        squares: Result of `FilterStep.squares`.
-        seen: Measurements in vectors, shape (k, 13).
-        com: See `write_step`.
-        time: Time before the first step, in seconds.
-        gravity: See `write_step`.
-        densities: Those in the first step, and those in the others.
-        variances: See `write_step`.
+        weights: Probabilities of prior and posterior, shape (2, K). The belief before the step is
+            in the place of the prior, here and in the next three.
+        R: Orientations, shape (2, K, 3, 3).
+        x: Memory (3), and p, w and v, shape (2, K, 12).
+        P: Covariances, shape (2, K, 12, 12).
+        y: Residual and squares, shape (2, K, 6).
+        com: Centre of mass in O, shape (3,), in metres.
+        measured: Measured orientation, and position, shape (12,).
+        dt: Seconds from the belief to the measurement.
+        rate: Rate of manoeuvres, in 1/s.
+        gravity: Mean acceleration along -z of W, in m/s².
+        densities: Densities of angular and linear acceleration, shape (K, 2).
+        variances: Variances of measured orientation and position, in rad² and m².
     """
-    for k in range(len(seen)):
-        for i in range(3):
-            nu[0, i] = seen[k, 1 + i]
-        own = com, seen[k, 0] - time, gravity, densities[min(k, 1)], variances
-        write_step(means, R, P, K, nu, squares[k], seen[k, 4:].reshape(3, 3), *own)
-        time = seen[k, 0]
+    models = weights.shape[1]
+    work, rows, joint = np.empty((4, 3, 3)), np.empty((3, 12)), np.empty((12, 12))
+    if models > 1 and dt > 0:
+        write_mixed(weights[0], R[0], x[0], P[0], exp(-rate * dt), work, rows[0], joint)
+    largest, total = -np.inf, 0.0
+    for k in range(models):
+        if dt > 0:
+            write_prior(R[0, k], x[0, k], P[0, k], dt, gravity, densities[k], work, rows)
+        for i in range(12):
+            x[1, k, i] = x[0, k, i]
+            for j in range(12):
+                P[1, k, i, j] = P[0, k, i, j]
+        R[1, k] = R[0, k]
+        own = R[1, k], x[1, k], P[1, k], y[0, k], y[1, k]
+        score = write_correction(*own, com, measured, variances, work, rows)
+        weights[1, k] = log(weights[0, k]) + score
+        largest = max(largest, weights[1, k])
+    for k in range(models):
+        weights[1, k] = exp(weights[1, k] - largest)
+        total += weights[1, k]
+    for k in range(models):
+        weights[1, k] /= total
 
 
-class CompiledFilterStep(FilterStep):
-    """Compiled steps of the filter."""
+def compiled_filter_step(
+    earlier: PoseBelief,
+    measurement: PoseMeasurement,
+    noise: PoseFilterNoise,
+    p_OCoM: FloatArray | None = None,
+    noise_factor: float = 1.0,
+) -> tuple[PoseBelief, Correction]:
+    """See `filter_step`."""
+    k, dt = len(earlier.weights), measurement.time - earlier.time
+    if dt < 0:
+        raise InvalidArgumentError(f"a belief cannot be predicted {dt} s back in time")
+    weights, R, x = np.empty((2, k)), np.empty((2, k, 3, 3)), np.empty((2, k, 12))
+    P, y = np.empty((2, k, 12, 12)), np.empty((2, k, 6))
+    weights[0], R[0], P[0] = earlier.weights, earlier.R_WO, earlier.P
+    x[0, :, 3:6], x[0, :, 6:] = earlier.p_WCoM, earlier.V_WCoM
+    write_step(
+        weights,
+        R,
+        x,
+        P,
+        y,
+        _ZERO if p_OCoM is None else p_OCoM,
+        np.concatenate([measurement.R_WO.ravel(), measurement.p_WO]),
+        dt,
+        noise.manoeuvre_rate,
+        noise.gravity,
+        noise.densities,
+        (noise_factor * noise.orientation**2, noise_factor * noise.position**2),
+    )
+    prior, posterior = (
+        PoseBelief(measurement.time, weights[i], R[i], x[i, :, 3:6], x[i, :, 6:], P[i])
+        for i in range(2)
+    )
+    return prior, Correction(posterior, y[0], y[1])
 
-    def __call__(
-        self,
-        earlier: pf.PoseBelief,
-        measurement: pf.PoseMeasurement,
-        noise: pf.PoseFilterNoise,
-        p_OCoM: FloatArray | None = None,
-        noise_factor: float = 1.0,
-    ) -> tuple[pf.PoseBelief, pf.Innovation, pf.PoseBelief]:
-        """See `filter_step`."""
-        time, seen = measurement.time, pack(measurement)[None]
-        first = noise.acceleration, noise.angular_acceleration
-        written = _run(earlier, seen, first, noise, p_OCoM, noise_factor)
-        means, R, P, K, nu, squares = written
-        prior, posterior = (
-            pf.PoseBelief(time, mean[0], mean[1], R[k], mean[2], P[2 * k], P[2 * k + 1])
-            for k, mean in enumerate(means)
-        )
-        return prior, pf.Innovation(nu, P[:2], R[2:4], R[4:6], K[:2], squares[0, 0]), posterior
 
-    def squares(self, *replayed: Any) -> FloatArray:
-        """See `FilterStep`."""
-        return _run(*replayed)[-1]
-
-
-def _run(
-    belief: pf.PoseBelief,
-    seen: FloatArray,
-    first: tuple[float, float],
-    noise: pf.PoseFilterNoise,
-    p_OCoM: FloatArray | None,
-    noise_factor: float,
-) -> tuple[FloatArray, ...]:
-    """Returns what `write_steps` writes."""
-    memory = np.empty((2, 3, 3)), np.empty((9, 3, 3)), np.zeros((8, 6, 6)), np.empty((4, 3, 6))
-    means, R, P, _ = memory
-    means[1] = belief.p_WCoM, belief.v_WCoM, belief.w_WO
-    R[1], P[2], P[3] = belief.R_WO, belief.P_position, belief.P_orientation
-    written = *memory, np.empty((2, 3)), np.empty((len(seen), 2, 2))
-    com = _ZERO if p_OCoM is None else np.reshape(p_OCoM, (3, 1))
-    variances = noise_factor * noise.position**2, noise_factor * noise.orientation**2
-    densities = first, (noise.acceleration, noise.angular_acceleration)
-    motion = belief.time, noise.gravity, densities, variances
-    write_steps(*written, np.ascontiguousarray(seen), com, *motion)
-    return written
+def compiled_merged(belief: PoseBelief) -> PoseBelief:
+    """See `merged`."""
+    k = len(belief.weights)
+    if k == 1:
+        return belief
+    x, R, mean, P = np.empty((k, 12)), np.empty((1, 3, 3)), np.empty((1, 12)), np.empty((1, 12, 12))
+    x[:, 3:6], x[:, 6:] = belief.p_WCoM, belief.V_WCoM
+    write_merged(belief.weights, belief.R_WO, x, belief.P, R[0], mean[0], P[0])
+    return PoseBelief(belief.time, _ONE, R, mean[:, 3:6], mean[:, 6:], P)

@@ -10,8 +10,15 @@ from functools import partial
 import numpy as np
 
 from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.errors import InvalidArgumentError
 
 SMALL = 1e-2  # Angle in radians, below which the series are exact to rounding.
+MOST_EQUIVALENT = 120
+"""Largest number of equivalent poses of a symmetric object, such as that of an icosahedron with its
+60 rotations, or of a round one in steps of three degrees."""
+
+_SAME = 1e-6  # Squared angle between rotations that are the same but for rounding.
+_I = np.eye(3)
 _CROSS = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2).reshape(3, 9)
 
 
@@ -92,6 +99,28 @@ def rotation_rows(x: float, y: float, z: float, order: int) -> tuple[Row, Row, R
         (b * x * y + a * z, 1 - b * (x * x + z * z), b * y * z - a * x),
         (b * x * z - a * y, b * y * z + a * x, 1 - b * (x * x + y * y)),
     )
+
+
+def rotation_group(thetas: FloatArray) -> FloatArray:
+    """Returns all products of rotations, with the identity, shape (s, 3, 3).
+
+    Args:
+        thetas: Rotation vectors of the generators, shape (g, 3), in radians.
+
+    Raises:
+        InvalidArgumentError: If there are more than `MOST_EQUIVALENT` products.
+    """
+    generators, group = [rotation_matrix(theta) for theta in thetas], [_I]
+    for R in group:  # It grows while it is read.
+        for product in (R @ generator for generator in generators):
+            if np.einsum("ij,sij->s", product, np.array(group)).max() < 3 - _SAME:
+                group.append(product)
+        if len(group) > MOST_EQUIVALENT:
+            raise InvalidArgumentError(
+                f"symmetry: the rotations make more than {MOST_EQUIVALENT} equivalent poses; angles"
+                " must be parts of a turn, such as 3.14159265"
+            )
+    return np.array(group)
 
 
 left_jacobian = partial(rotation_matrix, order=1)

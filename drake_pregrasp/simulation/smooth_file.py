@@ -1,5 +1,6 @@
 """Smooths a recorded pose stream."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +20,9 @@ VELOCITY_COLUMNS = ("vx", "vy", "vz", "wx", "wy", "wz")
 CARRIED = EstimatorConfig(
     acceleration=0.5,
     angular_acceleration=3.0,
-    initial_velocity_std=1.0,
-    initial_angular_velocity_std=3.0,
+    manoeuvre_rate=0.0,
 )
-"""Default settings of the filter, for an object that a person carries."""
+"""Default settings of the filter, for an object that a person carries. Smoothing has one model."""
 
 
 def load_estimator(text: str) -> EstimatorConfig:
@@ -50,12 +50,13 @@ def smooth_file(source: Path, target: Path, config: EstimatorConfig) -> int:
         OutputError: If the target cannot be written.
     """
     track = read_poses(source)
-    noise = filter_noise(config)
+    noise = replace(filter_noise(config), manoeuvre_rate=0.0)
     beliefs = smooth(filter_poses(track.times, track.p_WO, track.R_WO.as_matrix(), noise), noise)
     lines = [",".join((*COLUMNS, *VELOCITY_COLUMNS))]
     for belief in beliefs:
-        quaternion = np.roll(Rotation.from_matrix(belief.R_WO).as_quat(), 1)
-        row = [belief.time, *belief.p_WCoM, *quaternion, *belief.v_WCoM, *belief.w_WO]
+        quaternion = np.roll(Rotation.from_matrix(belief.R_WO[0]).as_quat(), 1)
+        w_WO, v_WO = belief.V_WCoM[0].reshape(2, 3)
+        row = [belief.time, *belief.p_WCoM[0], *quaternion, *v_WO, *w_WO]
         lines.append(",".join(repr(float(value)) for value in row))
     write_named_text(target, "\n".join(lines) + "\n")
     return len(beliefs)

@@ -20,13 +20,9 @@ from drake_pregrasp.arrays import (
 from drake_pregrasp.config.planner_config import EstimatorConfig, tracker_settings
 from drake_pregrasp.config.validation import checked
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.estimation import pose_filter
-from drake_pregrasp.estimation.pose_track import (
-    FOLLOWED,
-    PoseTrack,
-    TrackingStatus,
-    tracking_status,
-)
+from drake_pregrasp.estimation.pose_belief import PoseBelief, PoseMeasurement, boosted, no_belief
+from drake_pregrasp.estimation.pose_filter import origin_covariance, predict
+from drake_pregrasp.estimation.pose_track import FOLLOWED, PoseTrack, TrackingStatus
 from drake_pregrasp.estimation.pose_tracker import OLDEST, update_track
 from drake_pregrasp.fast import default_kernels
 from drake_pregrasp.fast.kernels import Kernels
@@ -36,7 +32,7 @@ from drake_pregrasp.systems.ports import POSE, VELOCITY, declare_cache, declare_
 WAITING_STD = 1.0
 """Standard deviation of the position before the first measurement, in metres."""
 
-_UNKNOWN = np.full((2, 3), np.nan)  # Twist of an object that no hand holds.
+_UNKNOWN = np.full(6, np.nan)  # Twist of an object that no hand holds.
 
 
 class PoseEstimator(LeafSystem):
@@ -77,15 +73,16 @@ class PoseEstimator(LeafSystem):
 
     Port `V_WO_estimated` emits a `SpatialVelocity`: the velocity of O in W, expressed in W.
 
-    Port `p_WO_covariance` emits a vector of 9: the covariance Sigma of the position estimate in W,
-    row-major, in m². It is that of the centre of mass, because the position is estimated there.
-    The covariance grows while no measurement is used; before the first one it is 1 m² per axis.
+    Port `p_WO_covariance` emits a vector of 9: the covariance Sigma of the estimated p_WO in W,
+    row-major, in m². It contains the spread of the means of the motion models. It grows while no
+    measurement is used; before the first one it is 1 m² per axis.
 
-    Port `tracking_status` emits a vector of 1: a `TrackingStatus`. It is not `TRACKING` while
-    measurements contradict a belief whose twist no measurement has confirmed. While it is `LOST`,
-    the pose stays at its prediction for the moment of the loss and the twist is zero. It is also
-    `LOST` if the prediction is beyond `FARTHEST`; the pose then stays at the newest one that was
-    used. While it is `WAITING`, the pose is the identity.
+    Port `tracking_status` emits a vector of 1: a `TrackingStatus`. It is `TRACKING` if the newest
+    measurements confirm the estimate; the error of the position is then within the covariance. It
+    is `COASTING` while the newest measurement was refused as an outlier, is overdue, or is one of
+    the first. While it is `LOST`, the pose stays at its prediction for the moment of the loss and
+    the twist is zero. It is also `LOST` if the prediction is beyond `FARTHEST`; the pose then stays
+    at the newest one that was used. While it is `WAITING`, the pose is the identity.
 
     Port `time_since_measurement` emits a vector of 1: the age of the newest measurement that was
     used, in seconds; the Context's time if none was used yet.
@@ -94,11 +91,13 @@ class PoseEstimator(LeafSystem):
     sample.
 
     Port `innovation_squared` emits a vector of 2: νᵀ S⁻¹ ν of the position and of the orientation
-    for the last measurement that was compared with a prediction. If the filter's assumptions hold,
-    each is chi-square distributed with 3 degrees of freedom.
+    for the last measurement that was compared with a prediction; that of the position is given the
+    orientation. If the assumptions of the filter hold, each is chi-square distributed with 3
+    degrees of freedom.
 
-    A Kalman filter estimates the position of the centre of mass, and an error-state filter the
-    orientation. Between ticks the outputs are predictions. At a tick they are the posterior of that
+    An interacting-multiple-model filter estimates the position of the centre of mass, the
+    orientation and the twist (`estimation.pose_filter`). Between ticks the outputs are predictions,
+    whose covariance grows as that of the liveliest model. At a tick they are the posterior of that
     tick's measurement, both before and after the discrete update: the stored state carries its
     time, so no measurement is used twice.
 
@@ -134,10 +133,12 @@ class PoseEstimator(LeafSystem):
             raise InvalidArgumentError(f"p_OCoM must be three finite numbers, not {p_OCoM}")
         self._config, self._period, self._p_OCoM = config, period, place
         settings = tracker_settings(config, place if np.any(place) else None)
-        self._settings = replace(settings, step=(kernels or default_kernels()).filter_step())
-        self._noise = self._settings.noise
+        kernels = kernels or default_kernels()
+        self._settings = replace(settings, step=kernels.filter_step)
+        self._merged, self._noise = kernels.merged, settings.noise
         # The track also holds the belief before the measurements that may be newer.
-        self._no_track = PoseTrack.empty(config.late_measurements + 1)
+        models = len(self._noise.densities)
+        self._no_track = PoseTrack.empty(config.late_measurements + 1, models)
 
         self._unpack = unpacker(self._no_track)
         self._time_index = self.DeclareDiscreteState(np.array([-np.inf]))
@@ -165,7 +166,7 @@ class PoseEstimator(LeafSystem):
         self._estimate = estimate = declare_cache(
             self,
             "status and belief at the Context's time",
-            (TrackingStatus.WAITING, pose_filter.NO_BELIEF),
+            (TrackingStatus.WAITING, no_belief()),
             self._calc_estimate,
             time,
             track,
@@ -192,9 +193,9 @@ class PoseEstimator(LeafSystem):
         measured_at = time
         if self._measurement_time.HasValue(context):
             measured_at = float(self._measurement_time.Eval(context)[0])
-        p_OCoM = self._settings.p_OCoM
-        p_WCoM = X_WO.translation().copy() if p_OCoM is None else X_WO @ p_OCoM
-        measurement = pose_filter.PoseMeasurement(measured_at, p_WCoM, X_WO.rotation().matrix())
+        measurement = PoseMeasurement(
+            measured_at, X_WO.translation().copy(), X_WO.rotation().matrix()
+        )
         if stored_time > time:  # The clock was set back.
             track = self._no_track
         if self._V_WO_held.HasValue(context):
@@ -207,45 +208,46 @@ class PoseEstimator(LeafSystem):
         if not are_valid(V_WO):
             return _UNKNOWN
         w_WO, v_WO = V_WO.reshape(2, 3)
-        return np.array([w_WO, v_WO + skew(w_WO) @ (track.newest.R_WO @ self._p_OCoM)])
+        R_WO = self._merged(track.newest).R_WO[0]
+        return np.append(w_WO, v_WO + skew(w_WO) @ (R_WO @ self._p_OCoM))
 
     def _store_track(self, context: Context, discrete_state: DiscreteValues) -> None:
         discrete_state.set_value(self._time_index, [context.get_time()])
         track: PoseTrack = self._track.Eval(context)
         discrete_state.set_value(self._track_index, pack(track))
 
-    def _calc_estimate(self, context: Context) -> tuple[TrackingStatus, pose_filter.PoseBelief]:
+    def _calc_estimate(self, context: Context) -> tuple[TrackingStatus, PoseBelief]:
         track: PoseTrack = self._track.Eval(context)
         time, config = context.get_time(), self._config
         newest, since = track.newest, time - track.newest.time
-        status = tracking_status(since, self._period, config.coast_after, config.lost_after)
+        status = track.status(time, self._period, config.coast_after, config.lost_after)
         if status == TrackingStatus.WAITING:
             return status, newest
-        if status == TrackingStatus.TRACKING and not track.is_locked:
-            status = TrackingStatus.COASTING
         if self._V_WO_held.HasValue(context):
             dV = self._twist(context, track) - track.V_held
             if not np.isnan(dV.sum()):
                 last_tick = self._period * tick_index(time, self._period)
-                newest = pose_filter.boosted(newest, dV, (last_tick + time) / 2)
+                newest = boosted(newest, dV, (last_tick + time) / 2)
         if status == TrackingStatus.LOST:  # The pose stays where it was lost.
-            since = self._period + config.lost_after
+            since = track.confirmed_at + self._period + config.lost_after - newest.time
         belief = self._predicted(newest, since)
-        p_WO = belief.p_WCoM - belief.R_WO @ self._p_OCoM
-        if not np.abs(np.concatenate([p_WO, belief.v_WCoM, belief.w_WO])).max() <= FARTHEST:
-            return TrackingStatus.LOST, newest
+        numbers = np.concatenate([self._p_WO(belief), belief.V_WCoM[0]])
+        if not np.abs(numbers).max() <= FARTHEST:
+            return TrackingStatus.LOST, self._merged(newest)
         return status, belief
 
-    def _predicted(self, belief: pose_filter.PoseBelief, since: float) -> pose_filter.PoseBelief:
-        now = pose_filter.predict(belief, min(max(0.0, since), OLDEST), self._noise)
-        lookahead = self._config.lookahead
-        return pose_filter.predict(now, lookahead, self._noise) if lookahead else now
+    def _p_WO(self, belief: PoseBelief) -> FloatArray:
+        p_WO: FloatArray = belief.p_WCoM[0] - belief.R_WO[0] @ self._p_OCoM
+        return p_WO
+
+    def _predicted(self, belief: PoseBelief, since: float) -> PoseBelief:
+        """Returns the mean and the covariance after a time and the look-ahead."""
+        ahead = min(max(0.0, since), OLDEST) + self._config.lookahead
+        return predict(self._merged(belief), ahead, self._noise.liveliest)
 
     def _calc_pose(self, context: Context) -> RigidTransform:
         status, belief = self._estimate.Eval(context)
-        R_WO = RotationMatrix.ProjectToRotationMatrix(belief.R_WO)
-        p_OCoM = self._settings.p_OCoM
-        p_WO = belief.p_WCoM if p_OCoM is None else belief.p_WCoM - R_WO @ p_OCoM
+        R_WO, p_WO = RotationMatrix.ProjectToRotationMatrix(belief.R_WO[0]), self._p_WO(belief)
         if status == TrackingStatus.LOST:  # The centre of mass is valid, but the origin may not be.
             p_WO = p_WO.clip(-FARTHEST, FARTHEST)
         return RigidTransform(R_WO, p_WO)
@@ -254,10 +256,8 @@ class PoseEstimator(LeafSystem):
         status, belief = self._estimate.Eval(context)
         if status not in FOLLOWED:
             return SpatialVelocity.Zero()
-        w_WO, v_WO = belief.w_WO, belief.v_WCoM
-        if (p_OCoM := self._settings.p_OCoM) is not None:
-            v_WO = v_WO - skew(w_WO) @ (belief.R_WO @ p_OCoM)
-        return SpatialVelocity(w=w_WO, v=v_WO)
+        w_WO, v_WCoM = belief.V_WCoM[0].reshape(2, 3)
+        return SpatialVelocity(w=w_WO, v=v_WCoM - skew(w_WO) @ (belief.R_WO[0] @ self._p_OCoM))
 
     def _calc_covariance(self, context: Context) -> FloatArray:
         status, belief = self._estimate.Eval(context)
@@ -266,9 +266,8 @@ class PoseEstimator(LeafSystem):
         if status == TrackingStatus.LOST:  # The pose stays, but its uncertainty grows on.
             newest = self._track.Eval(context).newest
             belief = self._predicted(newest, context.get_time() - newest.time)
-        covariance: FloatArray = belief.P_position[:3, :3]
-        return covariance
+        return origin_covariance(belief, self._settings.p_OCoM)
 
     def _calc_age(self, context: Context) -> float:
-        newest = self._track.Eval(context).newest.time
+        newest = self._track.Eval(context).steps[-1, 0]
         return float(max(0.0, context.get_time() - (newest if newest > -np.inf else 0.0)))

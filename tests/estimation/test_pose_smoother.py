@@ -4,7 +4,7 @@ from sampled_motion import measured, normalized_squares, sampled_motion
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import InvalidArgumentError
-from drake_pregrasp.estimation.pose_filter import PoseFilterNoise
+from drake_pregrasp.estimation.pose_belief import PoseFilterNoise
 from drake_pregrasp.estimation.pose_smoother import filter_poses, smooth
 
 NOISE = PoseFilterNoise(
@@ -50,10 +50,10 @@ def test_smoothed_positions_are_those_of_least_squares():
         x = np.linalg.lstsq(A, np.array(values), rcond=None)[0].reshape(k, 2)
         covariance = np.linalg.inv(A.T @ A)
         for step, belief in enumerate(smoothed):
-            assert belief.p_WCoM[axis] == pytest.approx(x[step, 0], abs=1e-9)
-            assert belief.v_WCoM[axis] == pytest.approx(x[step, 1], abs=1e-7)
+            assert belief.p_WCoM[0, axis] == pytest.approx(x[step, 0], abs=1e-9)
+            assert belief.V_WCoM[0, 3 + axis] == pytest.approx(x[step, 1], abs=1e-7)
             block = covariance[2 * step : 2 * step + 2, 2 * step : 2 * step + 2]
-            P = belief.P_position[np.ix_([axis, axis + 3], [axis, axis + 3])]
+            P = belief.P[0][np.ix_([axis + 3, axis + 9], [axis + 3, axis + 9])]
             np.testing.assert_allclose(P, block, rtol=1e-6, atol=1e-12)
 
 
@@ -67,8 +67,8 @@ def test_past_poses_come_closer_to_the_truth_by_what_the_covariance_says():
         for k in range(5, len(times) - 5):
             before, after = beliefs[k], smoothed[k]
             squares.append(normalized_squares(after, p[k], v[k], R[k], w[k]))
-            errors = [np.linalg.norm(p[k] - b.p_WCoM) for b in (before, after)]
-            R_WO = Rotation.from_matrix([before.R_WO, after.R_WO])
+            errors = [np.linalg.norm(p[k] - b.p_WCoM[0]) for b in (before, after)]
+            R_WO = Rotation.from_matrix([before.R_WO[0], after.R_WO[0]])
             gains.append([errors, (R[k].inv() * R_WO).magnitude()])
     before, after = np.sqrt(np.mean(np.square(gains), axis=0)).T
     assert np.all(after < 0.8 * before)

@@ -9,17 +9,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import ForbiddenPoints, InvalidArgumentError, box_surface, mesh_surface
-from drake_pregrasp.arrays import pack
 from drake_pregrasp.contacts.centroids import select_contacts
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import make_strategy
-from drake_pregrasp.estimation.pose_filter import (
-    PoseFilterNoise,
-    PoseMeasurement,
-    filter_step,
-    first_belief,
-)
-from drake_pregrasp.estimation.pose_track import FilterStep
+from drake_pregrasp.estimation.pose_belief import PoseFilterNoise, PoseMeasurement, first_belief
+from drake_pregrasp.estimation.pose_filter import filter_step, merged
 from drake_pregrasp.fast import SWITCH, default_kernels
 from drake_pregrasp.fast.kernels import REFERENCE
 from drake_pregrasp.geometry.shapes import ball_shape
@@ -206,28 +200,38 @@ def test_candidates_of_another_surface_are_refused():
     gravity=st.sampled_from([0.0, 9.81]),
     has_com=st.booleans(),
     noise_factor=st.sampled_from([1.0, 3.0]),
+    manoeuvre_rate=st.sampled_from([0.0, 0.5]),
 )
-def test_a_step_of_the_pose_filter_equals_the_reference(seed, rate, gravity, has_com, noise_factor):
+def test_a_step_of_the_pose_filter_equals_the_reference(
+    seed, rate, gravity, has_com, noise_factor, manoeuvre_rate
+):
     rng = np.random.default_rng(seed)
-    noise = PoseFilterNoise(1e-3, 0.01, 0.3, 2.0, 0.1, 1.0, gravity)
-    R = Rotation.random(2, rng).as_matrix()
+    noise = PoseFilterNoise(1e-3, 0.01, 0.3, 2.0, 0.1, 1.0, gravity, 3.0, 9.0, manoeuvre_rate)
     p_OCoM = rng.normal(0, 0.05, 3) if has_com else None
-    earlier = first_belief(PoseMeasurement(1.0, rng.normal(size=3), R[0]), noise, p_OCoM)
-    earlier = replace(earlier, v_WCoM=rng.normal(size=3), w_WO=rate * rng.normal(size=3))
-    measurement = PoseMeasurement(1.0 + rng.uniform(0, 0.1), rng.normal(size=3), R[1])
-    step = COMPILED.filter_step()
-    for fast, reference in zip(
-        step(earlier, measurement, noise, p_OCoM, noise_factor),
-        filter_step(earlier, measurement, noise, p_OCoM, noise_factor),
-        strict=True,
-    ):
-        for name, value in vars(reference).items():
-            np.testing.assert_allclose(getattr(fast, name), value, rtol=1e-9, atol=1e-12)
-    later = [replace(measurement, time=1.2 + 0.1 * k, p_WCoM=rng.normal(size=3)) for k in range(3)]
-    seen = np.array([pack(one) for one in (measurement, *later)])
-    replayed = earlier, seen, (5.0, 7.0), noise, p_OCoM, noise_factor
-    expected = FilterStep().squares(*replayed)
-    np.testing.assert_allclose(step.squares(*replayed), expected, rtol=1e-6, atol=1e-9)
+    V = rng.normal(size=6) * np.repeat([rate, 1.0], 3)
+    time, p_WO, R_WO, belief = 1.0, rng.normal(size=3), Rotation.random(rng=rng), None
+    for _ in range(4):
+        measurement = PoseMeasurement(time, p_WO, R_WO.as_matrix())
+        if belief is None:
+            belief = first_belief(measurement, noise, p_OCoM)
+        else:
+            own = belief, measurement, noise, p_OCoM, noise_factor
+            prior, new = filter_step(*own)
+            fast_prior, fast_new = COMPILED.filter_step(*own)
+            _are_equal(fast_prior, prior)
+            _are_equal(fast_new.belief, new.belief)
+            np.testing.assert_allclose(fast_new.residual, new.residual, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(fast_new.squares, new.squares, rtol=1e-9, atol=1e-12)
+            belief = new.belief
+            _are_equal(COMPILED.merged(belief), merged(belief))
+        dt = rng.uniform(0, 0.1)
+        time, p_WO = time + dt, p_WO + dt * V[3:] + rng.normal(scale=2e-3, size=3)
+        R_WO = Rotation.from_rotvec(dt * V[:3] + rng.normal(scale=0.02, size=3)) * R_WO
+
+
+def _are_equal(fast, reference):
+    for name, value in vars(reference).items():
+        np.testing.assert_allclose(getattr(fast, name), value, rtol=1e-12, atol=1e-12)
 
 
 @settings(max_examples=100)

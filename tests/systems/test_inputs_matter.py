@@ -9,17 +9,25 @@ from made_systems import CONTROL_PERIOD, MAKERS, NQ, PERIOD, SETTINGS, VALUES, X
 
 from drake_pregrasp import EstimatorConfig
 from drake_pregrasp.arrays import pack
-from drake_pregrasp.estimation.pose_filter import NO_BELIEF, NO_MEASUREMENT
+from drake_pregrasp.config.planner_config import filter_noise
+from drake_pregrasp.estimation.pose_belief import NO_MEASUREMENT, no_belief
 from drake_pregrasp.estimation.pose_track import PoseTrack
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState, Ramp
 
 FIRST = GraspState.first(N, SETTINGS)
 ALL = np.ones(N, dtype=bool)
 TOUCHED = replace(FIRST, phase=GraspPhase.CLOSE, active=ALL, touched=ALL, force=Ramp.at_rest(0.5))
-TRACK = replace(PoseTrack.empty(EstimatorConfig().late_measurements + 1), V_held=np.zeros((2, 3)))
-TRACK.steps[-1] = np.append(
-    pack(NO_MEASUREMENT), pack(replace(NO_BELIEF, time=-PERIOD, p_WCoM=X_G.translation()))
+MODELS = len(filter_noise(EstimatorConfig()).densities)
+TRACK = replace(
+    PoseTrack.empty(EstimatorConfig().late_measurements + 1, MODELS), V_held=np.zeros(6)
 )
+BELIEF = replace(
+    no_belief(MODELS),
+    time=-PERIOD,
+    p_WCoM=np.tile(X_G.translation(), (MODELS, 1)),
+    P=np.tile(1e-4 * np.eye(12), (MODELS, 1, 1)),
+)
+TRACK.steps[-1] = np.append(pack(replace(NO_MEASUREMENT, time=-PERIOD)), pack(BELIEF))
 
 
 @pytest.mark.parametrize("name", MAKERS)

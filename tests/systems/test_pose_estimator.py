@@ -12,7 +12,8 @@ from drake_pregrasp import InvalidArgumentError, TrackingStatus
 from drake_pregrasp import MeasurementVerdict as Verdict
 from drake_pregrasp.arrays import FARTHEST
 from drake_pregrasp.config.planner_config import MOST_LATE, EstimatorConfig, filter_noise
-from drake_pregrasp.estimation.pose_filter import PoseMeasurement, first_belief, predict, update
+from drake_pregrasp.estimation.pose_belief import PoseMeasurement, first_belief
+from drake_pregrasp.estimation.pose_filter import filter_step, merged
 
 NOISE = filter_noise(EstimatorConfig())
 X_0 = RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [0.1, 0.2, 0.3])
@@ -45,17 +46,22 @@ def test_before_any_tick_the_first_measurement_is_the_estimate(time):
 
 @pytest.mark.parametrize("p_OCoM", [np.zeros(3), np.array([0.01, -0.02, 0.03])])
 def test_ticks_do_what_the_filter_does(p_OCoM):
-    first, second = (PoseMeasurement(0, X @ p_OCoM, X.rotation().matrix()) for X in (X_0, X_1))
-    prior = predict(first_belief(first, NOISE, p_OCoM), PERIOD, NOISE)
-    belief = update(prior, second, NOISE, p_OCoM)
+    first, second = (
+        PoseMeasurement(time, X.translation(), X.rotation().matrix())
+        for time, X in ((0.0, X_0), (PERIOD, X_1))
+    )
+    posterior = filter_step(first_belief(first, NOISE, p_OCoM), second, NOISE, p_OCoM)[1].belief
+    belief = merged(posterior)
     estimator = seen_twice(p_OCoM=p_OCoM)
-    np.testing.assert_allclose(pose(estimator) @ p_OCoM, belief.p_WCoM, atol=1e-15)
-    V_WO = estimator.eval("V_WO_estimated")
-    np.testing.assert_allclose(V_WO.rotational(), belief.w_WO, atol=1e-15)
-    v_WCoM = V_WO.translational() + np.cross(belief.w_WO, belief.R_WO @ p_OCoM)
-    np.testing.assert_allclose(v_WCoM, belief.v_WCoM, atol=1e-15)
+    np.testing.assert_allclose(pose(estimator) @ p_OCoM, belief.p_WCoM[0], atol=1e-14)
+    V_WO, (w_WO, v_WCoM) = estimator.eval("V_WO_estimated"), belief.V_WCoM[0].reshape(2, 3)
+    np.testing.assert_allclose(V_WO.rotational(), w_WO, atol=1e-12)
+    v_WO = v_WCoM - np.cross(w_WO, belief.R_WO[0] @ p_OCoM)
+    np.testing.assert_allclose(V_WO.translational(), v_WO, atol=1e-12)
+    # With a = R_WO p_OCoM an error theta of the orientation moves the origin of O by a x theta.
+    H = np.hstack([np.cross(np.eye(3), belief.R_WO[0] @ p_OCoM), np.eye(3)])
     covariance = estimator.array("p_WO_covariance").reshape(3, 3)
-    np.testing.assert_allclose(covariance, belief.P_position[:3, :3], rtol=1e-12)
+    np.testing.assert_allclose(covariance, H @ belief.P[0, :6, :6] @ H.T, atol=1e-15)
 
 
 def test_a_measurement_is_used_once():
@@ -99,7 +105,6 @@ REFUSED = {
     "period": (*NO_NUMBERS, np.inf, 0.0, 10**400),
     "lookahead": (*NO_NUMBERS, np.inf, 1e200, 10**400),
     "gate": NO_NUMBERS,
-    "reacquire_after": NO_COUNTS,
     "late_measurements": (*NO_COUNTS, MOST_LATE + 1, 10**400),
     "coast_after": (*NO_NUMBERS, 2.0),
     "lost_after": (*NO_NUMBERS, 0.05),
@@ -119,7 +124,6 @@ def test_bad_arguments_are_refused_by_name(name, value):
     "arguments",
     [
         {"gate": 1e6},
-        {"reacquire_after": 1000},
         {"late_measurements": np.int64(1)},
         {"coast_after": 0, "lost_after": 0},
         {"coast_after": 1e6, "lost_after": 1e6},
@@ -134,7 +138,7 @@ def test_the_ends_of_ranges_are_taken_and_estimates_follow(arguments):
 
 @pytest.mark.parametrize("is_told", [True, False])
 def test_a_lift_that_the_estimator_is_told_of_is_no_surprise(is_told):
-    estimator = first_seen(sudden_acceleration=0.001)
+    estimator = first_seen(manoeuvre_rate=0.0)
     refused, errors, rng = 0, [], np.random.default_rng(3)
     for tick in range(60):
         time = PERIOD * tick

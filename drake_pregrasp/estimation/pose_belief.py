@@ -1,0 +1,229 @@
+"""Belief on pose and twist of a moving object, and what the filter assumes about its motion.
+
+W is the world with z up, O the object, CoM its centre of mass; all vectors are expressed in W, and
+rotations come first, as in Drake's spatial vectors.
+"""
+
+import math
+import sys
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from drake_pregrasp.arrays import FloatArray, number_or_nan
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.geometry.rotations import rotation_matrix, skew
+
+# Least value of each assumption, and its range in words.
+_POSITIVE = (math.ulp(0.0), "finite and above 0")
+_NOT_NEGATIVE = (0.0, "finite and at least 0")
+_FINITE = (-sys.float_info.max, "finite")
+_LIMITS = {"position": _POSITIVE, "orientation": _POSITIVE, "gravity": _FINITE}
+
+
+@dataclass(frozen=True)
+class PoseFilterNoise:
+    """Noise and motion that the filter assumes; standard deviations are per axis.
+
+    Attributes:
+        position: Standard deviation of a measured position, in metres, above 0.
+        orientation: Standard deviation of a measured orientation, as a rotation vector, in radians,
+            above 0.
+        acceleration: Square root of the white linear acceleration's density, in m/s²/sqrt(Hz), of
+            the quietest model.
+        angular_acceleration: Square root of the white angular acceleration's density, in
+            rad/s²/sqrt(Hz), of the quietest model.
+        initial_velocity: Standard deviation of the velocity before the first measurement, in m/s.
+        initial_angular_velocity: Standard deviation of the angular velocity before the first
+            measurement, in rad/s.
+        gravity: Mean acceleration of the object, along -z of W, in m/s²: 0 for an object that
+            something carries, about 9.81 for one in free flight, negative for one that rises.
+        manoeuvre_acceleration: As `acceleration`, of the liveliest model.
+        manoeuvre_angular_acceleration: As `angular_acceleration`, of the liveliest model.
+        manoeuvre_rate: Number of times per second that the model is drawn anew; 0 for the quietest
+            model alone.
+
+    Raises:
+        InvalidArgumentError: If a value is not finite, if `position` or `orientation` is not above
+            0, or if another value but `gravity` is below 0.
+    """
+
+    position: float
+    orientation: float
+    acceleration: float
+    angular_acceleration: float
+    initial_velocity: float
+    initial_angular_velocity: float
+    gravity: float = 0.0
+    manoeuvre_acceleration: float = 0.0
+    manoeuvre_angular_acceleration: float = 0.0
+    manoeuvre_rate: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            least, meant = _LIMITS.get(name, _NOT_NEGATIVE)
+            if not least <= number_or_nan(value) < math.inf:
+                raise InvalidArgumentError(f"{name} must be {meant}, not {value}")
+
+    @cached_property
+    def densities(self) -> FloatArray:
+        """Spectral densities of angular and linear acceleration in each model, shape (K, 2).
+
+        The models are `MODELS`, or the quietest one alone without manoeuvres.
+        """
+        quiet = np.array([self.angular_acceleration, self.acceleration])
+        if not self.manoeuvre_rate:
+            return quiet[None] ** 2
+        most = (self.manoeuvre_angular_acceleration, self.manoeuvre_acceleration)
+        lively, shares = np.maximum(quiet, most), np.array(MODELS)
+        return np.asarray((quiet ** (1 - shares) * lively**shares) ** 2)
+
+    @property
+    def variances(self) -> FloatArray:
+        """Variances of a measured orientation and position, shape (2,), in rad² and m²."""
+        return np.square([self.orientation, self.position])
+
+    @cached_property
+    def liveliest(self) -> "PoseFilterNoise":
+        """The same noise with the liveliest model alone.
+
+        With it, the covariance of a prediction without measurements holds for an object that may
+        start a manoeuvre at any moment.
+        """
+        rotation, translation = np.sqrt(self.densities[-1]).tolist()
+        return replace(
+            self, acceleration=translation, angular_acceleration=rotation, manoeuvre_rate=0.0
+        )
+
+
+MODELS = ((0.0, 0.0), (0.0, 0.75), (0.75, 0.0), (1.0, 1.0))
+"""Models of the motion: place of the densities of angular and linear acceleration between those of
+the quietest and of the liveliest model, on the scale of logarithms.
+
+The models between them are for slow changes. Rotation and translation have one each, so that noise
+of both parts together does not look like a manoeuvre.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseMeasurement:
+    """A measured pose.
+
+    Attributes:
+        time: Time of the measurement, in seconds; -inf if there is none.
+        p_WO: Measured position, shape (3,), in metres.
+        R_WO: Measured orientation, shape (3, 3).
+    """
+
+    time: float
+    p_WO: FloatArray
+    R_WO: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class PoseBelief:
+    """Estimate of the object's pose and twist at one time, by each of K models.
+
+    Attributes:
+        time: Time of the estimate, in seconds; -inf before the first measurement.
+        weights: Probability of each model, shape (K,).
+        R_WO: Mean orientations, shape (K, 3, 3).
+        p_WCoM: Means of the centre of mass, shape (K, 3), in metres.
+        V_WCoM: Mean angular velocity in rad/s and mean velocity of the centre of mass in m/s,
+            shape (K, 6).
+        P: Covariances of the errors (theta, p, w, v), shape (K, 12, 12), where the true orientation
+            is Exp(theta) R_WO with theta expressed in W.
+    """
+
+    time: float
+    weights: FloatArray
+    R_WO: FloatArray
+    p_WCoM: FloatArray
+    V_WCoM: FloatArray
+    P: FloatArray
+
+
+_I = np.eye(3)
+_BOOST_VARIANCE = 0.3**2  # Variance of a known change of twist, relative to its square.
+_PARTS = np.kron(np.ones((2, 2)), np.kron(np.eye(2), np.ones((3, 3))))  # 1 within each part.
+
+NO_MEASUREMENT = PoseMeasurement(-math.inf, np.zeros(3), _I)
+"""Placeholder for a missing measurement."""
+
+
+def no_belief(models: int = 1) -> PoseBelief:
+    """Returns the placeholder for the belief before the first measurement.
+
+    Args:
+        models: Number of models.
+    """
+    k = models
+    weights, R_WO = np.full(k, 1 / k), np.tile(_I, (k, 1, 1))
+    p_WCoM, V_WCoM, P = np.zeros((k, 3)), np.zeros((k, 6)), np.zeros((k, 12, 12))
+    return PoseBelief(-math.inf, weights, R_WO, p_WCoM, V_WCoM, P)
+
+
+def first_belief(
+    measurement: PoseMeasurement, noise: PoseFilterNoise, p_OCoM: FloatArray | None = None
+) -> PoseBelief:
+    """Returns the belief after the first measurement: at rest, with the initial uncertainty.
+
+    Args:
+        measurement: The first measured pose.
+        noise: Noise and motion that the filter assumes.
+        p_OCoM: Centre of mass in O, shape (3,), in metres; the origin of O by default.
+    """
+    initial = np.square([noise.initial_angular_velocity, noise.initial_velocity])
+    P = np.diag(np.repeat(np.append(noise.variances, initial), 3))
+    p_WCoM = measurement.p_WO
+    if p_OCoM is not None:
+        a = measurement.R_WO @ p_OCoM
+        p_WCoM = p_WCoM + a
+        T = np.eye(12)  # An error theta of the orientation moves the centre of mass by theta x a.
+        T[3:6, :3] = -skew(a)
+        P = T @ P @ T.T
+    k = len(noise.densities)
+    return replace(
+        no_belief(k),
+        time=measurement.time,
+        R_WO=np.tile(measurement.R_WO, (k, 1, 1)),
+        p_WCoM=np.tile(p_WCoM, (k, 1)),
+        P=np.tile(P, (k, 1, 1)),
+    )
+
+
+def boosted(belief: PoseBelief, dV: FloatArray, time: float) -> PoseBelief:
+    """Returns the belief after a known change of the twist, as if it had always been larger by dV.
+
+    The pose predicted for `time` stays the same. The change is known to 30 %, which adds to the
+    covariance.
+
+    Args:
+        belief: Belief before the change.
+        dV: Change of the angular velocity, in rad/s, and of the velocity of the centre of mass, in
+            m/s, in W, shape (6,).
+        time: Time of the change, in seconds.
+    """
+    dx = np.concatenate([(belief.time - time) * dV, dV])
+    added = _BOOST_VARIANCE * np.outer(dx, dx) * _PARTS
+    return shifted(belief, np.tile(dx, (len(belief.weights), 1)), belief.P + added)
+
+
+def shifted(belief: PoseBelief, dx: FloatArray, P: FloatArray) -> PoseBelief:
+    """Returns a belief at the same time with corrected means and other covariances.
+
+    Args:
+        belief: Belief before the correction.
+        dx: Corrections of (theta, p, w, v), shape (K, 12).
+        P: Covariances, shape (K, 12, 12).
+    """
+    turns = np.array([rotation_matrix(theta) for theta in dx[:, :3]])
+    return PoseBelief(
+        belief.time,
+        belief.weights,
+        turns @ belief.R_WO,
+        belief.p_WCoM + dx[:, 3:6],
+        belief.V_WCoM + dx[:, 6:],
+        P,
+    )
