@@ -18,7 +18,7 @@ from pydrake.systems.lcm import LcmPublisherSystem, LcmSubscriberSystem, PySeria
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.estimation.recorded_poses import QUATERNION_TOLERANCE
+from drake_pregrasp.estimation.recorded_poses import MAX_DISTANCE, QUATERNION_TOLERANCE
 
 POSE_CHANNEL = "OBJECT_POSE"
 ALLEGRO_CHANNEL = "ALLEGRO_COMMAND"
@@ -85,7 +85,7 @@ class PoseReceiver(LeafSystem):
     metres and a unit quaternion. Each message has another `utime`.
 
     Port `X_WO_measured` emits a `RigidTransform`, which is not finite if the message has not seven
-    finite values with a quaternion of length 1. `PoseEstimator` refuses such a pose.
+    finite values, at most 100, with a quaternion of length 1. `PoseEstimator` refuses such a pose.
 
     Port `measurement_time` emits a vector of 1: the time at which the message was received, or
     -inf before the first one. The delay until then belongs to the estimator's `lookahead`.
@@ -103,7 +103,9 @@ class PoseReceiver(LeafSystem):
     def _calc_pose(self, context: Context, output: AbstractValue) -> None:
         values = np.array(self._message.Eval(context).value)
         is_pose = (
-            values.shape == (7,) and abs(np.linalg.norm(values[3:]) - 1) < QUATERNION_TOLERANCE
+            values.shape == (7,)
+            and np.all(np.abs(values) <= MAX_DISTANCE)
+            and abs(np.linalg.norm(values[3:]) - 1) < QUATERNION_TOLERANCE
         )
         X_WO = RigidTransform([math.nan] * 3)
         if is_pose:

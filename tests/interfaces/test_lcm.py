@@ -106,7 +106,7 @@ def test_poses_of_messages_are_measured_when_they_come(lcm):
     np.testing.assert_array_equal(X_WO.translation(), [0.25, 0.0, 0.05])
     np.testing.assert_allclose(X_WO.rotation().matrix(), np.diag([-1.0, -1.0, 1.0]), atol=1e-15)
     assert 0.02 < loop.value(loop.poses, "measurement_time")[0] < 0.05
-    for bad in ((0.0, 0.0, 0.0, 0.0), (np.nan, 0.0, 0.0, 1.0), (1.0, 0.0)):
+    for bad in ((0.0, 0.0, 0.0, 0.0), (np.nan, 0.0, 0.0, 1.0), (1e200,) * 4, (1.0, 0.0)):
         send_pose(lcm, 8, 0.0, bad)
         loop.advance(1)
         assert np.all(np.isnan(loop.value(loop.poses, "X_WO_measured").translation()))
