@@ -33,6 +33,9 @@ MAX_SECONDS = 8
 MAX_MESSAGE_BYTES = 1_000_000
 """Largest size of a message with poses, in bytes."""
 
+MAX_RECORDS = 2_000_000
+"""Largest number of records of an MCAP file, also in its chunks."""
+
 MAX_POSES = 1_000_000
 """Largest number of poses of all frames together."""
 
@@ -182,11 +185,14 @@ def _mcap_messages(data: bytes, is_late: Callable[[], bool]) -> Iterator[_Messag
     read_magic(ReadDataStream(BytesIO(data)))
     kinds: dict[int, str] = {}
     topics: dict[int, tuple[str, str]] = {}
-    unpacked, open_records = 0, [_records(memoryview(data)[_MAGIC:])]
+    count, unpacked, open_records = 0, 0, [_records(memoryview(data)[_MAGIC:])]
     while open_records:
         for opcode, body in open_records[-1]:
-            if is_late():
-                raise InvalidArgumentError(f"takes more than {MAX_SECONDS} s to read")
+            count += 1
+            if count > MAX_RECORDS or is_late():
+                raise InvalidArgumentError(
+                    f"has more than {MAX_RECORDS} records, or takes over {MAX_SECONDS} s to read"
+                )
             if opcode == Opcode.MESSAGE and int.from_bytes(body[:2], "little") in topics:
                 message = Message.read(ReadDataStream(BytesIO(body)), len(body))
                 yield *topics[message.channel_id], message.log_time, message.data

@@ -253,6 +253,13 @@ def test_large_messages_are_refused(tmp_path, message, problem):
         read_poses(file)
 
 
+def test_records_are_counted(tmp_path, monkeypatch):
+    (tmp_path / "x.mcap").write_bytes(MAGIC + chunk(bytes(9) * 9))
+    monkeypatch.setattr(pose_files, "MAX_RECORDS", 8)
+    with pytest.raises(InvalidArgumentError, match="has more than 8 records"):
+        read_poses(tmp_path / "x.mcap")
+
+
 def test_poses_of_all_frames_are_counted(tmp_path, monkeypatch):
     file = write_mcap(tmp_path / "x.mcap", [frames("abc")] * 5, "foxglove.FrameTransforms")
     monkeypatch.setattr(pose_files, "MAX_POSES", 14)
@@ -263,7 +270,7 @@ def test_poses_of_all_frames_are_counted(tmp_path, monkeypatch):
 def test_reading_ends_in_time(tmp_path, monkeypatch):
     file = write_mcap(tmp_path / "x.mcap", [foxglove_pose()])
     monkeypatch.setattr(pose_files, "MAX_SECONDS", -1)
-    with pytest.raises(InvalidArgumentError, match="takes more than -1 s to read"):
+    with pytest.raises(InvalidArgumentError, match="takes over -1 s to read"):
         read_poses(file)
     with pytest.raises(InvalidArgumentError, match="cannot be read: interrupted"):
         read_poses(
