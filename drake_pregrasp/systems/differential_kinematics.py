@@ -184,7 +184,7 @@ class DifferentialKinematics(LeafSystem):
             torques = command.f_T_W.ravel() @ pose.J_WT.reshape(-1, len(q))
         reference = np.concatenate([[context.get_time()], q, v, v_last])
         discrete_state.set_value(self._reference, reference)
-        discrete_state.set_value(self._pressing, np.append(torques, command.force_limits))
+        discrete_state.set_value(self._pressing, np.concatenate([torques, command.force_limits]))
         discrete_state.set_value(self._blocked, [float(blocked)])
 
     def _next_velocity(
@@ -224,7 +224,8 @@ class DifferentialKinematics(LeafSystem):
 
     def _calc_desired(self, context: Context) -> FloatArray:
         elapsed, q, v, v_last = self._moved(context)
-        torques, limits = np.split(context.get_discrete_state(self._pressing).value(), [len(q)])
+        pressing = context.get_discrete_state(self._pressing).value()
+        torques, limits = pressing[: len(q)], pressing[len(q) :]
         is_free = np.where(v > 0, q < self._hand.upper, q > self._hand.lower)
         q, v = q + torques / self._hand.stiffness, v * is_free
         if (limits >= NO_LIMIT).all() or not self._state.HasValue(context):

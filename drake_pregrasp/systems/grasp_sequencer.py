@@ -267,9 +267,9 @@ class GraspSequencer(LeafSystem):
 
     def _contact_frames(self, context: Context) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Returns points and normals of the contacts in O, shape (n, 3), and which are active."""
-        frames, active = np.split(self._contacts.Eval(context), [6 * len(self._radius)])
-        p_OC, nhat = validated_numbers(frames).reshape(2, -1, 3)
-        return p_OC, nhat, active > 0
+        contacts, n = self._contacts.Eval(context), len(self._radius)
+        p_OC, nhat = validated_numbers(contacts[: 6 * n]).reshape(2, n, 3)
+        return p_OC, nhat, contacts[6 * n :] > 0
 
     def _tips(self, context: Context) -> FloatArray:
         """Returns the fingertips' centres in G, shape (n, 3), in metres."""
