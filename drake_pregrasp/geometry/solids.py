@@ -186,6 +186,10 @@ class PlacedSolid(Solid):
         """See `Solid`."""
         return self.row
 
+    def distance(self, p_FP: FloatArray) -> FloatArray:
+        """See `SignedDistance`."""
+        return rounded_box_distances(self.row, p_FP)
+
     def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "PlacedSolid":
         """See `Solid`."""
         axes = R_GF @ self.row[3:12].reshape(3, 3)

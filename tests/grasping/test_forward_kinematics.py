@@ -23,7 +23,7 @@ def hand(model, request, monkeypatch):
     monkeypatch.delenv("DRAKE_PREGRASP_FAST", raising=False)
     kernels = REFERENCE if request.param == "numpy" else default_kernels()
     known = model.kinematics
-    return HandKinematics(known.plant, known.tip_frames, kernels.forward_kinematics())
+    return HandKinematics(known.plant, known.tip_frames, kernels.hand().forward_kinematics)
 
 
 @pytest.mark.parametrize("seed", range(3))
