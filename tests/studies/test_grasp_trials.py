@@ -2,7 +2,6 @@
 
 import dataclasses
 import itertools
-import re
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from made_up_jobs import write_study
 from made_up_records import record, state_of
 from pydrake.math import RigidTransform, RotationMatrix
 
-from drake_pregrasp.cli import main
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.object_config import Box, Cylinder
@@ -372,14 +370,3 @@ def test_a_run_without_a_grasp_has_other_settings_only_if_there_are_some(tmp_pat
     study = load_study(grasp_study(tmp_path, overrides=overrides), text=text)
     (job,) = study.jobs()
     assert StudyRun(study, {}).resolved(job).scenario.grasp.approaches == ["side"]
-
-
-@pytest.mark.slow
-def test_a_study_of_grasps_from_the_command_to_the_report(tmp_path, capsys):
-    methods = {"plan": {}, "reactive": {"goals": "reactive"}}
-    file = grasp_study(tmp_path, methods=methods, tests=[{"method": "plan"}])
-    assert main(["study", file, "--out", str(tmp_path), "--processes", "1"]) == 0
-    assert capsys.readouterr().out.startswith("2 of 2 runs are complete\n")
-    text = (tmp_path / "mine" / "report.md").read_text(encoding="utf-8")
-    line, *_ = re.findall(r"^\| 2\.5 +\|.*$", text, flags=re.MULTILINE)
-    assert line.split("|")[2].strip().startswith("1 of 1")

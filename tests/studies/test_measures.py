@@ -68,7 +68,9 @@ def test_contacts_off_the_estimated_object_are_not_valid():
 
 
 def test_overlaps_and_crossings_are_counted_by_their_ticks():
-    scenario = load_scenario("a_base", text="{planner: {limits: {tip_radii: [0.01]}}}")
+    scenario = load_scenario(
+        "a_base", text="{planner: {limits: {tip_radii: [0.01, 0.01, 0.01, 0.01, 0.01]}}}"
+    )
     resolved, ticks = resolve(scenario), records()
     for tick in ticks[5:8]:
         tick.p_WC[1] = tick.p_WC[0] + [0.005, 0, 0]
