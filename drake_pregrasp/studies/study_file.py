@@ -170,15 +170,9 @@ def load_study(
         ScenarioError: If the study is invalid; the message names file, key and value.
     """
     file = _find(name_or_file)
-    data, source = dict(read_mapping(file)), str(file)
-    changes = parse_yaml(STUDY_TEXT, text) or {}
-    for where, part in ((source, data), (STUDY_TEXT, changes)):
-        _check_plain(where, part)
-        check_mapping(where, "", part, StudyConfig)
-    config = _config(_merged(data, changes))
+    config, source = _read_config(file, text), str(file)
     config.seeds = config.seeds if seeds is None else seeds
     config.first_seed = config.first_seed if first_seed is None else first_seed
-    _check_name(file)
     _resolve_file(config, file, folders)
     all_conditions = _entries(source, "conditions", config.conditions, Condition)
     all_methods = _entries(source, "methods", config.methods, Method)
@@ -216,9 +210,18 @@ def load_study(
     return study
 
 
-def _config(data: dict[str, Any]) -> StudyConfig:
-    tests = [PairedTest(**test) for test in data.get("tests", ())]
-    return StudyConfig(**{**data, "tests": tests})
+def _read_config(file: Path, text: str) -> StudyConfig:
+    """Returns the content of a study's file, with keys that a text overrides."""
+    if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*", file.stem):
+        problem = "a study's file is named with letters, digits, '_', '-' and '.'"
+        raise ScenarioError("", file.stem, problem)
+    data, changes = read_mapping(file), parse_yaml(STUDY_TEXT, text) or {}
+    for source, part in ((str(file), data), (STUDY_TEXT, changes)):
+        _check_plain(source, part)
+        check_mapping(source, "", part, StudyConfig)
+    merged = _merged(data, changes)
+    tests = [PairedTest(**test) for test in merged.get("tests", ())]
+    return StudyConfig(**{**merged, "tests": tests})
 
 
 def _merged(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -286,6 +289,7 @@ def _check(study: Study) -> None:
             raise ScenarioError(source, f"methods.{key}.goals", f"{method.goals}: {hint}")
         for base in study.bases.values():
             with_fields(base, method.overrides, f"{source}: methods.{key}.overrides")
+            with_fields(base, config.otherwise, f"{source}: otherwise")
     known = {"measures": MEASURES, "figures": config.measures}
     for key, names in known.items():
         for name in getattr(config, key):
@@ -312,12 +316,6 @@ def _check_plain(source: str, data: Any) -> None:
             if not isinstance(scalar, str | int | float | list | None):
                 problem = f"{scalar!r} must be a number, a text, true, false, a list or a mapping"
                 raise ScenarioError(source, path, problem)
-
-
-def _check_name(file: Path) -> None:
-    if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*", file.stem):
-        problem = "a study's file is named with letters, digits, '_', '-' and '.'"
-        raise ScenarioError("", file.stem, problem)
 
 
 def _find(name_or_file: str) -> Path:
