@@ -112,11 +112,8 @@ def allegro_panda() -> Path:
     return robot_model("robots://allegro_panda.urdf")
 
 
-SLOW_TO_LOAD = (
-    *("finger_measures", "grasp_from_side", "grasp_shadow"),
-    *("random_boxes", "random_boxes_allegro", "independence", "reassignment"),
-)
-"""Scenarios and studies whose start contacts take seconds to choose."""
+SLOW_TO_LOAD = (*("finger_measures", "grasp_from_side", "grasp_shadow"),)
+"""Scenarios whose start contacts take seconds to choose."""
 
 
 def usable_scenarios() -> list[Any]:
@@ -127,7 +124,8 @@ def usable_scenarios() -> list[Any]:
 
 def usable_studies() -> list[Any]:
     """The names of the shipped studies; those of robots that are not there are skipped."""
-    return _usable(shipped_studies(), {"random_boxes_allegro": lacking_robots()})
+    lacking = {"random_boxes_allegro": lacking_robots()}
+    return _usable(shipped_studies(), lacking | {"household": lacking_robots() or lacking_shadow()})
 
 
 def lacking_shadow() -> str:
