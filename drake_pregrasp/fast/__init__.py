@@ -12,7 +12,7 @@ passes it to its systems.
 | `goals`, `closed_forms`, `spectra`, `margins` | `contacts.centroids.region_goals`, `best_points` |
 | `margins` | `regions.independent_regions.slip_radii_within` |
 | `compiling` | `quality.force_closure.largest_minimum`, whose own source is compiled |
-| `pose_steps` | `estimation.pose_track.FilterStep` |
+| `pose_steps` | `estimation.pose_filter.filter_step` and `merged` |
 | `hand` | `forward_kinematics`, `clearances` and `next_velocities` of `grasping` |
 
 **One description.** A region is an intersection: the weighted Voronoi cell of its contact,
