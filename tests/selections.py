@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import trimesh
 
 from drake_pregrasp import box_surface
 from drake_pregrasp.contacts.centroids import (
@@ -14,6 +15,7 @@ from drake_pregrasp.contacts.goal_limits import ContactLimits
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.geometry.mesh_surface import mesh_surface
 from drake_pregrasp.geometry.shapes import ball_shape
+from drake_pregrasp.geometry.surface import ForbiddenPoints
 from drake_pregrasp.regions.constraints import RegionConstraints
 from drake_pregrasp.regions.safe_regions import NO_REGION, SafeRegions, compute_safe_regions
 
@@ -118,3 +120,20 @@ def overlaps(surface, goals, tips):
 def on_face(*yz):
     """Contacts on the cube's face +x."""
     return np.array([[0.05, y, z] for y, z in yz])
+
+
+def changed_surface(surface, R):
+    """The same surface in another frame, turned or mirrored by an orthogonal matrix R."""
+    order = slice(None, None, -1 if np.linalg.det(R) < 0 else 1)
+    mesh = trimesh.Trimesh(surface.mesh.vertices @ R.T, surface.mesh.faces[:, order], process=False)
+    Z = surface.forbidden
+    forbidden = ForbiddenPoints(Z.points @ R.T, Z.radii, Z.normals @ R.T)
+    return replace(
+        surface,
+        p_OQ=surface.p_OQ @ R.T,
+        nhat_OQ=surface.nhat_OQ @ R.T,
+        forbidden=forbidden,
+        p_OCoM=R @ surface.p_OCoM,
+        mesh=mesh,
+        patches=np.ascontiguousarray((surface.patches @ R.T)[:, order]),
+    )

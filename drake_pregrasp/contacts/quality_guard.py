@@ -15,6 +15,8 @@ from drake_pregrasp.regions.independent_regions import SlipRadii, slip_radii_wit
 GUARDS = ("q_msv", "q_gii", "q_vew", "margin")
 """Measures that can be guarded: those of the complete grasp matrix, and the margin."""
 
+_ACCURACY = 1e-9  # Of measures: where they are equal, rounding decides nothing.
+
 Measure = Callable[[ObjectSurface, FloatArray, FloatArray], Iterable[float]]
 """Maps a surface, and active contacts on it and their normals in O, shapes (n, 3), to measures.
 They are computed one by one, so that a caller can stop at the first one that is too low."""
@@ -29,7 +31,7 @@ def guard_measure(
 ) -> Measure | None:
     """Returns the named measures as one function, or None if there are none.
 
-    The margin comes last, because it is the slowest: it solves a linear program.
+    The margin comes last, because it is the slowest: it solves a second-order cone program.
 
     Args:
         names: Names from `GUARDS`.
@@ -79,7 +81,8 @@ def keep_quality(
         groups: Groups of contacts that move together; each contact is in one group.
 
     Returns:
-        Contacts, shape (n, 3), in metres. Each measure is at least that of `selection.p_OC`.
+        Contacts, shape (n, 3), in metres. Each measure is at least that of `selection.p_OC`, up to
+        rounding.
     """
     # Each contact is either where it was or at its goal, so that its normal is one of two.
     surface, p_OC_before = selection.surface, selection.p_OC
@@ -103,7 +106,7 @@ def keep_quality(
         proposal[members] = True
         proposed_quality = []
         for value, least in zip(quality_after(proposal), quality, strict=False):
-            if not value >= least:
+            if not value >= least - _ACCURACY:
                 break
             proposed_quality.append(value)
         if len(proposed_quality) == len(quality):

@@ -11,11 +11,8 @@ from drake_pregrasp.errors import Lack, NoGraspError
 from drake_pregrasp.geometry.mesh_surface import INTRUSION, mean_slopes
 from drake_pregrasp.geometry.solids import SignedDistance
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.quality.force_closure import (
-    largest_load,
-    min_weight_margin,
-    moved_least_norm_margin,
-)
+from drake_pregrasp.quality.force_closure import largest_load, min_weight_margin
+from drake_pregrasp.quality.margin_bounds import moved_least_norm_margin
 from drake_pregrasp.regions.constraints import ALONG, OPPOSITE, Limit, RegionConstraints
 
 _YAWS = 24  # Yaws of the palm that are tried in a full turn.

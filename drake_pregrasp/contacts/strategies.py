@@ -31,9 +31,10 @@ from drake_pregrasp.contacts.centroids import position_tracking
 from drake_pregrasp.contacts.selection_input import SelectionInput, WeightFunction
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.quality import grasp_quality
-from drake_pregrasp.quality.force_closure import FRICTION, moved_least_norm_margin
+from drake_pregrasp.quality.force_closure import FRICTION, LEAST_MARGIN
+from drake_pregrasp.quality.margin_bounds import moved_least_norm_margin
 from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
-from drake_pregrasp.regions.independent_regions import LEAST_MARGIN, slip_radii
+from drake_pregrasp.regions.independent_regions import slip_radii
 
 STRATEGIES = ("position", "msv", "gii", "vew", "margin", "independence", *FINGER_MEASURES)
 """Position tracking, the three measures of the grasp matrix, the force-closure margin, how far a

@@ -11,7 +11,7 @@ passes it to its systems.
 | `projection` | `geometry.surface.ObjectSurface.project` and `project_into` |
 | `goals`, `closed_forms`, `spectra`, `margins` | `contacts.centroids.region_goals`, `best_points` |
 | `margins` | `regions.independent_regions.slip_radii_within` |
-| `compiling` | `quality.force_closure.largest_minimum`, whose own source is compiled |
+| `cones` | `quality.force_closure.largest_minimum` |
 | `pose_steps` | `estimation.pose_filter.filter_step` and `merged` |
 | `hand` | `forward_kinematics`, `clearances` and `next_velocities` of `grasping` |
 

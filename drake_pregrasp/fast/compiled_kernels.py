@@ -1,14 +1,15 @@
 """The compiled implementation, as one object, which is compiled or loaded when it is imported."""
 
+from typing import cast
+
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.fast.goals import CompiledGoals
 from drake_pregrasp.fast.kernels import HandKernels, Kernels
 from drake_pregrasp.fast.labels import CompactCandidates
 from drake_pregrasp.fast.pose_steps import compiled_filter_step, compiled_merged
 from drake_pregrasp.fast.predicates import compiled_limits_at
 from drake_pregrasp.fast.projection import CompiledSurface
-from drake_pregrasp.quality.force_closure import LargestMinimum, largest_minimum
+from drake_pregrasp.quality.force_closure import LargestMinimum
 from drake_pregrasp.regions.independent_regions import SlipRadii
 from drake_pregrasp.regions.safe_regions import LabelCandidates
 
@@ -25,8 +26,9 @@ def _slip_radii() -> SlipRadii:
 
 
 def _largest_minimum() -> LargestMinimum:
-    solve: LargestMinimum = compiled("f8(f8[:,::1])")(largest_minimum)
-    return solve
+    from drake_pregrasp.fast.cones import compiled_largest_minimum
+
+    return cast(LargestMinimum, compiled_largest_minimum)
 
 
 def _hand() -> HandKernels:

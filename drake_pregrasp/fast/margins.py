@@ -1,8 +1,8 @@
 """The bound of `moved_least_norm_margin` for many places of a contact, in vector instructions.
 
-For each place, M y = e with the 7 x 7 matrix M = sum P_i (E Eᵀ) P_iᵀ is solved by M = L D Lᵀ, as
-the reference does. E Eᵀ is diagonal, and the matrix of the other contacts is the same for all
-places. Elements of M stand for a group of places each, so that loops run over places.
+For each place, M y = e with the 7 x 7 matrix M = sum P_i P_iᵀ is solved by M = L D Lᵀ, as the
+reference does. The matrix of the other contacts is the same for all places. Elements of M stand for
+a group of places each, so that loops run over places.
 """
 
 import math
@@ -15,18 +15,16 @@ from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.fast.compiling import GROUP, compiled
 from drake_pregrasp.fast.members import Members
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.quality.force_closure import CONE_EDGES, GRAM_RANK_TOLERANCE
+from drake_pregrasp.quality.force_closure import LEAST_MARGIN
 from drake_pregrasp.quality.grasp_quality import longest_arm
-from drake_pregrasp.regions.independent_regions import LEAST_MARGIN, slip_radii
-
-_DIAGONAL = math.sqrt(0.5)
+from drake_pregrasp.quality.margin_bounds import GRAM_RANK_TOLERANCE
+from drake_pregrasp.regions.independent_regions import slip_radii
 
 
 @compiled()
-def least_edges(P, y, friction, size, components, least):  # type: ignore[no-untyped-def]
-    """Lowers `least` to the smallest weight Eᵀ Pᵀ y of a contact's edges, for `size` places.
+def lower_to_cone(P, y, size, components, least):  # type: ignore[no-untyped-def]
+    """Lowers `least` to g_0 - |g_t| of a contact's force g = Pᵀ y, for `size` places.
 
-    The eight edges are at multiples of 45 degrees, so that the smallest weight is a closed form.
     P has shape (7, 3, size), or (7, 3, 1) for the same contact at all places.
     """
     components[:] = 0.0
@@ -40,13 +38,12 @@ def least_edges(P, y, friction, size, components, least):  # type: ignore[no-unt
                 for k in range(size):
                     components[column, k] += P[a, column, k] * y[a, k]
     for k in range(size):
-        t, o = abs(components[1, k]), abs(components[2, k])
-        steepest = max(max(t, o), (t + o) * _DIAGONAL)
-        least[k] = min(least[k], components[0, k] - friction * steepest)
+        t, o = components[1, k], components[2, k]
+        least[k] = min(least[k], components[0, k] - math.sqrt(t * t + o * o))
 
 
 @compiled()
-def group_margins(gram, P_C, others, P, friction, size, M, y, components, least, spans, b):  # type: ignore[no-untyped-def]
+def group_margins(gram, P_C, others, P, size, M, y, components, least, spans, b):  # type: ignore[no-untyped-def]
     """Writes the margin's bound of `size` places; a negative one b becomes b / (1 - b).
 
     Args:
@@ -54,7 +51,6 @@ def group_margins(gram, P_C, others, P, friction, size, M, y, components, least,
         P_C: P of each contact, shape (n, 7, 3, 1).
         others: Indices of the other contacts, shape (n - 1,).
         P: P of the moved contact at each place, shape (7, 3, `GROUP`).
-        friction: Coulomb's coefficient.
         size: Number of places.
         M: Memory, shape (7, 7, `GROUP`).
         y: Memory, shape (7, `GROUP`).
@@ -63,7 +59,6 @@ def group_margins(gram, P_C, others, P, friction, size, M, y, components, least,
         spans: Memory of the same shape, for the largest element.
         b: Result, shape (`size`,) or longer.
     """
-    across = CONE_EDGES / 2 * friction * friction
     spans[:] = 0.0
     for k in range(size):
         b[k] = 1.0 if len(others) > 1 else 0.0  # Two fingers never span all wrenches.
@@ -72,7 +67,7 @@ def group_margins(gram, P_C, others, P, friction, size, M, y, components, least,
             same = gram[i, j]
             for k in range(size):
                 tangential = P[i, 1, k] * P[j, 1, k] + P[i, 2, k] * P[j, 2, k]
-                M[i, j, k] = same + CONE_EDGES * P[i, 0, k] * P[j, 0, k] + across * tangential
+                M[i, j, k] = same + P[i, 0, k] * P[j, 0, k] + tangential
         for k in range(size):
             spans[k] = max(spans[k], M[i, i, k])
     for k in range(size):
@@ -96,18 +91,17 @@ def group_margins(gram, P_C, others, P, friction, size, M, y, components, least,
             for k in range(size):
                 y[j, k] -= M[j, i, k] * y[i, k]
     least[:] = np.inf
-    least_edges(P, y, friction, size, components, least)
+    lower_to_cone(P, y, size, components, least)
     for other in others:
-        least_edges(P_C[other], y, friction, size, components, least)
-    edges = CONE_EDGES * (len(others) + 1)
+        lower_to_cone(P_C[other], y, size, components, least)
     for k in range(size):
-        bound = edges * least[k]
+        bound = (len(others) + 1) * least[k]
         bound = bound if bound >= 0.0 else 1.0 / (1.0 - bound) - 1.0
         b[k] = bound if b[k] > 0.0 else -1.0
 
 
-@compiled("void(i8[::1], b1[::1], i8[::1], i8[::1], f8[:,:,:,::1], f8[:,:,:,::1], f8, f8[::1])")
-def write_margins(contacts, active, ends, candidates, P_C, P_Q, friction, b):  # type: ignore[no-untyped-def]
+@compiled("void(i8[::1], b1[::1], i8[::1], i8[::1], f8[:,:,:,::1], f8[:,:,:,::1], f8[::1])")
+def write_margins(contacts, active, ends, candidates, P_C, P_Q, b):  # type: ignore[no-untyped-def]
     """Writes `hand_margin` of the contacts at each candidate of their regions.
 
     Args:
@@ -117,7 +111,6 @@ def write_margins(contacts, active, ends, candidates, P_C, P_Q, friction, b):  #
         candidates: Indices of the candidates.
         P_C: P of each contact, shape (n, 7, 3, 1).
         P_Q: P of a contact at each candidate, shape (N, 7, 3, 1).
-        friction: Coulomb's coefficient.
         b: Result, shape (M,).
     """
     P, M, y = np.empty((7, 3, GROUP)), np.empty((7, 7, GROUP)), np.empty((7, GROUP))
@@ -128,11 +121,11 @@ def write_margins(contacts, active, ends, candidates, P_C, P_Q, friction, b):  #
         gram[:] = 0.0
         for other in range(len(active)):
             if active[other] and other != contacts[region]:
-                p, across = P_C[other], CONE_EDGES / 2 * friction * friction
+                p = P_C[other]
                 for i in range(7):
                     for j in range(i + 1):
-                        gram[i, j] += CONE_EDGES * p[i, 0, 0] * p[j, 0, 0]
-                        gram[i, j] += across * (p[i, 1, 0] * p[j, 1, 0] + p[i, 2, 0] * p[j, 2, 0])
+                        for column in range(3):
+                            gram[i, j] += p[i, column, 0] * p[j, column, 0]
                 others[count] = other
                 count += 1
         for start in range(ends[region], ends[region + 1], GROUP):
@@ -142,12 +135,12 @@ def write_margins(contacts, active, ends, candidates, P_C, P_Q, friction, b):  #
                 for a in range(7):
                     for column in range(3):
                         P[a, column, k] = P_Q[j, a, column, 0]
-            own = others[:count], P, friction, size, M, y, components, least, spans, b[start:]
+            own = others[:count], P, size, M, y, components, least, spans, b[start:]
             group_margins(gram, P_C, *own)
 
 
-@compiled("f8[:,::1](f8[:,:], f8[:,:], f8)")
-def contact_rows(r, nhat, arm):  # type: ignore[no-untyped-def]
+@compiled("f8[:,::1](f8[:,:], f8[:,:], f8, f8)")
+def contact_rows(r, nhat, friction, arm):  # type: ignore[no-untyped-def]
     """Returns P of hard fingers, shape (k, 21), as `balance_blocks`, with torques over an arm."""
     rows = np.zeros((len(r), 21))
     for k in range(len(r)):
@@ -163,11 +156,12 @@ def contact_rows(r, nhat, arm):  # type: ignore[no-untyped-def]
         t = (t[0] / norm, t[1] / norm, t[2] / norm)
         o = (z * t[1] - y * t[2], x * t[2] - z * t[0], y * t[0] - x * t[1])
         for column, axis in enumerate(((-x, -y, -z), t, o)):
+            scale = 1.0 if column == 0 else friction
             for row in range(3):
                 i, j = (row + 1) % 3, (row + 2) % 3
-                rows[k, 3 * row + column] = axis[row]
+                rows[k, 3 * row + column] = scale * axis[row]
                 torque = r[k, i] * axis[j] - r[k, j] * axis[i]
-                rows[k, 9 + 3 * row + column] = torque / arm
+                rows[k, 9 + 3 * row + column] = scale * torque / arm
         rows[k, 18] = 1.0
     return rows
 
@@ -182,11 +176,11 @@ def compiled_slip_radii(
     r = np.concatenate([p_OC, surface.p_OQ[near]]) - surface.p_OCoM
     slips = np.append(np.zeros(n), distances[moved, near])
     moved = np.append(np.arange(n), moved)
-    rows = contact_rows(r, np.concatenate([nhat_OC, surface.nhat_OQ[near]]), longest_arm(r))
-    rows = rows.reshape(-1, 7, 3, 1)
+    nhat = np.concatenate([nhat_OC, surface.nhat_OQ[near]])
+    rows = contact_rows(r, nhat, float(friction), longest_arm(r)).reshape(-1, 7, 3, 1)
     order, bounds = np.argsort(moved, kind="stable"), np.empty(len(moved))
     contacts, ends = np.arange(n), np.searchsorted(moved[order], np.arange(n + 1))
-    write_margins(contacts, np.ones(n, bool), ends, order, rows[:n], rows, float(friction), bounds)
+    write_margins(contacts, np.ones(n, bool), ends, order, rows[:n], rows, bounds)
     radii, is_open = np.full(n, float(radius)), order[bounds <= LEAST_MARGIN]
     np.minimum.at(radii, moved[is_open], slips[is_open])
     return radii
@@ -204,15 +198,19 @@ class MarginWeights:
     def __init__(self, surface: ObjectSurface, friction: float, *, slips: bool) -> None:
         self._surface, self._friction, self._slips = surface, friction, slips
         self._arm, q = surface.longest_lever_arm, surface.p_OQ - surface.p_OCoM
-        self._P_Q = contact_rows(q, np.array(surface.nhat_OQ), self._arm).reshape(-1, 7, 3, 1)
+        self._P_Q = self._rows(q, np.array(surface.nhat_OQ))
+
+    def _rows(self, r: FloatArray, nhat: FloatArray) -> FloatArray:
+        rows: FloatArray = contact_rows(r, nhat, self._friction, self._arm).reshape(-1, 7, 3, 1)
+        return rows
 
     def __call__(self, selection: SelectionInput, members: Members, b: FloatArray) -> None:
         """See `WriteWeights`."""
         r = selection.p_OC - self._surface.p_OCoM
         _, nhat = selection.surface.project(selection.p_OC)
-        P_C = contact_rows(r, nhat, self._arm).reshape(-1, 7, 3, 1)
+        P_C = self._rows(r, nhat)
         contacts, active, _, ends, candidates, _, _ = members
-        common, N = (P_C, self._P_Q, self._friction), len(self._P_Q)
+        common, N = (P_C, self._P_Q), len(self._P_Q)
         if not self._slips:
             write_margins(contacts, active, ends, candidates, *common, b)
             return

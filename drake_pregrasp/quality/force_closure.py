@@ -1,32 +1,33 @@
-"""Margins of force closure: min-weight, Ferrari-Canny, and a certified lower bound in closed form.
+"""Margins of force closure: min-weight, Ferrari-Canny, and the largest load.
 
-All use the primitive wrenches of a grasp: the wrenches on the object of the edges of a pyramid
-inside each contact's friction cone, per newton of normal force.
+They use exact friction cones. With B_i of `friction_cones`, contact i exerts the wrenches B_i g_i
+with g_i in the second-order cone, g_0 >= |(g_1, g_2, ...)|: its normal force is g_0, and the other
+components are tangential forces and a moment over the largest ones per newton.
 """
 
 from collections.abc import Callable
 
+import clarabel
 import numpy as np
-from scipy.optimize import linprog
-from scipy.spatial import ConvexHull, QhullError
+from scipy.linalg import null_space
+from scipy.sparse import csc_matrix
+from scipy.spatial import ConvexHull
 
-from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.quality.grasp_quality import contact_blocks, longest_arm
 
 CONE_MODELS = ("hard_finger", "soft_finger", "frictionless")
 """Contact models with a friction cone. The complete model has none, because it also pulls."""
 
-_RANK_TOLERANCE = 1e-9  # Of singular values, for wrenches of the order of one.
+LEAST_MARGIN = 1e-7
+"""Margin up to which a grasp counts as not force-closed."""
 
-_ROUNDING = 1e-13  # Of weights that add up to one.
-_MOST_STEPS = 500  # Random grasps need a tenth of them at most.
+LEAST_SPREAD = 1e-12
+"""Least share of an eigenvalue in the trace of a Gram matrix of wrenches that span all wrenches."""
 
 LARGEST_LOAD = 10.0
 """Multiple of a wrench from which on contacts count as equally strong."""
-
-CONE_EDGES = 8
-"""Number of edges of the pyramid inside a friction cone."""
 
 FRICTION = 0.7
 """Default of Coulomb's coefficient: rubber on most materials."""
@@ -37,6 +38,12 @@ TORSIONAL_FRICTION = 0.004
 It is 3 pi/16 times friction times the patch's radius (Johnson, Contact Mechanics, 1985, for a
 Hertzian patch that turns as a whole): 4 mm for a patch of radius 10 mm with friction 0.7.
 """
+
+_RANK_TOLERANCE = 1e-9  # Of singular values, relative to the largest.
+_ACCURACY = 1e-10  # Of the solver: absolute and relative gap, and infeasibility.
+_SOLVED = ("Solved", "AlmostSolved")
+_EDGES = np.array([[1.0, 0], [-1, 0], [0, 1], [0, -1], [1, 1], [1, -1], [-1, 1], [-1, -1]])
+_DESCENTS = 50  # Largest number of steps of a descent to a facet's minimum.
 
 
 LargestMinimum = Callable[[FloatArray], float]
@@ -54,10 +61,12 @@ def min_weight_margin(
 ) -> float:
     """Returns the normalised min-weight margin of a grasp, in [0, 1].
 
-    The m primitive wrenches of all contacts must balance with weights a >= 0 that add up to one;
-    the margin is m times the largest possible minimum of a. It is above zero if and only if the
-    grasp has force closure, which Q_MSV, Q_GII and Q_VEW do not measure. The metric is that of
-    FRoGGeR (Li et al., arXiv 2302.13687). It does not depend on the unit of length.
+    Internal forces balance each other, with normal forces that add up to one newton. The margin is
+    n times the largest possible minimum, over the n contacts, of the normal force less the normal
+    force that friction needs. It is above zero if and only if the grasp has force closure with
+    these cones, which Q_MSV, Q_GII and Q_VEW do not measure. It is the limit, for pyramids with
+    more and more edges, of the metric of FRoGGeR (Li et al., arXiv 2302.13687), and depends neither
+    on the axes of a frame nor on the unit of length.
 
     Args:
         p_CoMC: Lever arms from the centre of mass to the contacts, shape (n, 3), in metres.
@@ -70,50 +79,33 @@ def min_weight_margin(
     Raises:
         InvalidArgumentError: If there is no such model, or a coefficient is below 0.
     """
-    W = primitive_wrenches(
-        p_CoMC, nhat, friction, model=model, torsional_friction=torsional_friction
-    )
+    B = friction_cones(p_CoMC, nhat, friction, model, torsional_friction)
     # With torques in this unit, tolerances have the same meaning for objects of any size.
-    W[3:] /= longest_arm(p_CoMC)
-    return (solve or largest_minimum)(np.ascontiguousarray(W))
+    B[:, 3:] /= longest_arm(p_CoMC)
+    return (solve or largest_minimum)(B)
 
 
-def largest_minimum(W: FloatArray) -> float:
-    """Returns m times the largest possible minimum of the weights of m wrenches, at least 0.
+def largest_minimum(B: FloatArray) -> float:
+    """Returns n max min_i (g_i0 - |g_it|) over sum B_i g_i = 0, sum g_i0 = 1, at least 0.
 
-    With a = b + l, b >= 0, the program is: max l with W (b + l) = 0, sum (b + l) = 1. The dual
-    simplex method (Lemke, Naval Research Logistics Quarterly 1, 1954) solves it: of the basis of l
-    and six elements of b, l falls in each step, until no weight is negative.
+    The dual has six unknowns instead of kn: min 1 + b y over 1 + b y - B_i0 y >= |B_itᵀ y| for all
+    i, with the mean b of the columns B_i0.
 
     Args:
-        W: Wrenches of the order of one, shape (6, m), such that a has no solution or a bounded one.
+        B: Wrenches of the cones, of the order of one, shape (n, 6, k).
     """
-    m = W.shape[1]
-    # One row for each wrench component, and one for l, which the last equation eliminates from the
-    # others. The last column is the right side.
-    T = np.full((7, m + 1), 1 / max(m, 1))
-    for k in range(6):
-        T[k, m] = -np.sum(W[k]) / max(m, 1)
-        T[k, :m] = W[k] + T[k, m]
-    for step in range(_MOST_STEPS):
-        row = step
-        if step >= 6:
-            row = int(np.argmin(T[:6, m]))
-            if T[row, m] >= -_ROUNDING:
-                return max(0.0, float(m * T[6, m]))
-        elif T[row, m] > 0:  # Each component enters the basis once, with any sign.
-            T[row] *= -1
-        column, least = -1, np.inf
-        for j in range(m):
-            if T[row, j] < -_RANK_TOLERANCE and T[6, j] < -least * T[row, j]:
-                column, least = j, -T[6, j] / T[row, j]
-        if column < 0:  # The wrenches leave out a direction.
-            return 0.0
-        T[row] /= T[row, column]
-        for k in range(7):
-            if k != row:
-                T[k] -= T[k, column] * T[row]
-    return 0.0
+    n, _, k = B.shape
+    if n == 0:
+        return 0.0
+    mean = np.sum(B[:, :, 0], axis=0) / n
+    A = B.transpose(0, 2, 1).copy()
+    A[:, 0] -= mean
+    A = A.reshape(n * k, 6)
+    spread = np.linalg.eigvalsh(A.T @ A)
+    if not spread[0] > LEAST_SPREAD * np.sum(spread):
+        return 0.0  # Forces cannot balance, or resist no wrench in some direction.
+    least = _minimum(mean, A, np.tile(np.eye(k)[0], n), _cones(n, k))
+    return 0.0 if least is None else max(0.0, 1 + least[0])
 
 
 def ferrari_canny(
@@ -127,10 +119,15 @@ def ferrari_canny(
 ) -> float:
     """Returns the radius of the largest ball about the origin inside the grasp wrench space.
 
-    The space is the convex hull of the primitive wrenches: normal forces that add up to one newton
-    (the L1 metric of Ferrari & Canny, ICRA 1992). The radius is the norm of the smallest wrench
-    that the grasp cannot resist, in newtons, with torques divided by `length`. It is zero without
-    force closure.
+    The space is the convex hull of what the contacts exert with normal forces that add up to one
+    newton (the L1 metric of Ferrari & Canny, ICRA 1992). The radius is the norm of the smallest
+    wrench that the grasp cannot resist, in newtons, with torques divided by `length`. It is zero
+    without force closure.
+
+    The radius is the minimum of the support function h(u) = max_i (B_i0 u + |B_itᵀ u|) over unit
+    vectors u, which is not a convex program. The facets of a polytope inside the space tell where
+    local minima can be. From there, u descends: the next u minimises h over the plane that touches
+    the sphere at u, a second-order cone program.
 
     Args:
         p_CoMC: As for `min_weight_margin`.
@@ -145,20 +142,59 @@ def ferrari_canny(
     """
     if not length > 0:
         raise InvalidArgumentError(f"length must be greater than 0 m, not {length}")
-    W = primitive_wrenches(
-        p_CoMC, nhat, friction, model=model, torsional_friction=torsional_friction
-    )
-    W[3:] /= longest_arm(p_CoMC)
-    # A hull in six dimensions has at least seven corners.
-    if W.shape[1] <= len(W) or not _spans_all_wrenches(W):
+    cones = friction, model, torsional_friction
+    B = friction_cones(p_CoMC, nhat, *cones)
+    B[:, 3:] /= longest_arm(p_CoMC)
+    if largest_minimum(B) <= LEAST_MARGIN:
         return 0.0
-    W[3:] *= longest_arm(p_CoMC) / length
-    try:
-        hull = ConvexHull(W.T)
-    except QhullError:  # All wrenches lie in one plane that does not contain the origin.
-        return 0.0
-    # Each facet's plane is normal @ x + offset = 0, with its unit normal pointing out.
-    return max(0.0, float(-np.max(hull.equations[:, -1])))
+    B[:, 3:] *= longest_arm(p_CoMC) / length
+    # Facets may be joggled, because they are only where descents start.
+    facets = ConvexHull(_edge_wrenches(B), qhull_options="QJ").equations
+    radii, inner = _support(B, facets[:, :6]), -facets[:, 6]
+    order = np.argsort(radii)
+    radius = float(radii[order[0]])
+    for facet in order:
+        if inner[facet] < radius:
+            radius = min(radius, _descended(B, facets[facet, :6], float(radii[facet])))
+    return radius
+
+
+def _edge_wrenches(B: FloatArray) -> FloatArray:
+    """Returns wrenches on the boundary of the cones, one row each, shape (m, 6)."""
+    k = B.shape[2] - 1
+    edges = np.vstack([np.zeros((1, k)), np.eye(k), -np.eye(k)])
+    if k > 1:
+        edges = np.vstack([edges, np.pad(_EDGES[4:] / np.sqrt(2), ((0, 0), (0, k - 2)))])
+    directions = np.hstack([np.ones((len(edges), 1)), edges])
+    wrenches: FloatArray = np.einsum("nik,ek->nei", B, directions).reshape(-1, 6)
+    return wrenches
+
+
+def _support(B: FloatArray, u: FloatArray) -> FloatArray:
+    """Returns the support function of the grasp wrench space for directions u, shape (..., 6)."""
+    components = np.einsum("nik,...i->...nk", B, u)
+    tangential = np.linalg.norm(components[..., 1:], axis=-1)
+    support: FloatArray = np.max(components[..., 0] + tangential, axis=-1)
+    return support
+
+
+def _descended(B: FloatArray, u: FloatArray, radius: float) -> float:
+    """Returns the local minimum of the support function below u, a unit vector of shape (6,)."""
+    n, _, k = B.shape
+    rows, first = B.transpose(0, 2, 1).reshape(n * k, 6), np.tile(np.eye(k)[0], n)
+    for _ in range(_DESCENTS):
+        # min t over t - B_i0 w >= |B_itᵀ w| with w = u + Z v: Z v is across u.
+        Z = null_space(u[None])
+        A = np.column_stack([rows @ Z, -first])
+        found = _minimum(np.eye(6)[5], A, -rows @ u, _cones(n, k))
+        if found is None:
+            break
+        u = u + Z @ found[1][:5]
+        u /= np.linalg.norm(u)
+        before, radius = radius, min(radius, float(_support(B, u)))
+        if not radius < before - _ACCURACY / 10:
+            break
+    return radius
 
 
 def largest_load(
@@ -180,52 +216,42 @@ def largest_load(
         wrench: Force in N and torque about the centre of mass in N m, shape (6,).
         normal_forces: Smallest and largest normal force of each contact, shape (2, n), in N.
     """
-    W = primitive_wrenches(p_CoMC, nhat, friction, model="hard_finger", torsional_friction=0.0)
-    balance = np.hstack([W, wrench[:, None]])
+    B, n = friction_cones(p_CoMC, nhat, friction, "hard_finger", 0.0), len(nhat)
+    unit = float(np.max(normal_forces))
+    least, most = normal_forces / unit
+    # Forces g in this unit and the multiple are sums of the columns of Z, which balance.
+    balance = np.hstack([B.transpose(1, 0, 2).reshape(6, 3 * n), wrench[:, None] / unit])
     balance[3:] /= longest_arm(p_CoMC)
-    normals = np.hstack([np.kron(np.eye(len(nhat)), np.ones(CONE_EDGES)), np.zeros((len(nhat), 1))])
-    least, most = normal_forces
-    solution = linprog(
-        c=np.append(np.zeros(W.shape[1]), -1.0),
-        A_eq=balance,
-        b_eq=np.zeros(6),
-        A_ub=np.vstack([normals, -normals]),
-        b_ub=np.append(most, -least),
-        bounds=[(0, None)] * W.shape[1] + [(0, LARGEST_LOAD)],
-    )
-    return float(solution.x[-1]) if solution.success else 0.0
+    Z = null_space(balance, rcond=_RANK_TOLERANCE)
+    forces, multiple = Z[:-1], Z[-1:]
+    A = np.vstack([forces[::3], -forces[::3], multiple, -multiple, -forces])
+    b = np.concatenate([most, -least, [LARGEST_LOAD, 0.0], np.zeros(3 * n)])
+    cones = [clarabel.NonnegativeConeT(2 * n + 2), *_cones(n, 3)]
+    found = _minimum(-multiple[0], A, b, cones)
+    return 0.0 if found is None else max(0.0, -found[0])
 
 
-def primitive_wrenches(
-    p_CoMC: FloatArray, nhat: FloatArray, friction: float, *, model: str, torsional_friction: float
+def friction_cones(
+    p_CoMC: FloatArray,
+    nhat: FloatArray,
+    friction: float,
+    model: str,
+    torsional_friction: float,
 ) -> FloatArray:
-    """Returns the wrenches of the cones' edges per newton of normal force, shape (6, en).
+    """Returns B_i, whose columns are the wrenches of the components of g_i, shape (..., 6, k).
+
+    A hard finger has Coulomb's cone. The tangential force and the moment of a soft finger are
+    together inside an ellipsoid.
 
     Args:
-        p_CoMC: As for `min_weight_margin`.
-        nhat: As for `min_weight_margin`.
+        p_CoMC: Lever arms, shape (..., 3), in metres.
+        nhat: Outward unit normals, shape (..., 3).
         friction: As for `min_weight_margin`.
         model: One of `CONE_MODELS`.
         torsional_friction: As for `min_weight_margin`.
 
     Returns:
-        The wrenches for e edges per contact, force rows first, torques in N m per newton.
-    """
-    edges = cone_edges(friction, model, torsional_friction)
-    wrenches = contact_blocks(p_CoMC, nhat, model) @ edges
-    W: FloatArray = wrenches.transpose(1, 0, 2).reshape(6, -1)
-    return W
-
-
-def cone_edges(friction: float, model: str, torsional_friction: float) -> FloatArray:
-    """Returns the edges of a contact's cone in the coordinates of its model: n, t, o, moment.
-
-    A soft finger has two more edges, with a moment and without tangential force: the polytope is
-    inscribed in the ellipsoid that bounds moment and tangential force together.
-
-    Returns:
-        The edges as columns of E, shape (k, e). The first row, the normal forces, is all ones, and
-        E Eᵀ is diagonal.
+        The wrenches, force rows first, torques in N m per newton.
 
     Raises:
         InvalidArgumentError: If there is no such model, or a coefficient is below 0.
@@ -237,143 +263,32 @@ def cone_edges(friction: float, model: str, torsional_friction: float) -> FloatA
     for name, value in (("friction", friction), ("torsional_friction", torsional_friction)):
         if not value >= 0:
             raise InvalidArgumentError(f"{name} must be at least 0, not {value}")
-    if model == "frictionless":
-        return np.ones((1, 1))
-    angles = 2 * np.pi * np.arange(CONE_EDGES) / CONE_EDGES
-    E = np.stack([np.ones(CONE_EDGES), friction * np.cos(angles), friction * np.sin(angles)])
-    if model == "soft_finger":
-        twists = np.array([[1.0, 1], [0, 0], [0, 0]])
-        moments = np.append(np.zeros(CONE_EDGES), [torsional_friction, -torsional_friction])
-        E = np.vstack([np.hstack([E, twists]), moments])
-    return E
+    B = contact_blocks(p_CoMC, nhat, model)
+    B[..., 1:3] *= friction
+    B[..., 3:] *= torsional_friction
+    return B
 
 
-def _spans_all_wrenches(W: FloatArray) -> bool:
-    """Returns whether the rank is six; torques are in a unit that makes them comparable."""
-    return bool(np.linalg.matrix_rank(W, tol=_RANK_TOLERANCE) == len(W))
+def _cones(n: int, k: int) -> list[object]:
+    """Returns n second-order cones of k dimensions for the solver."""
+    return [clarabel.NonnegativeConeT(n)] if k == 1 else [clarabel.SecondOrderConeT(k)] * n
 
 
-GRAM_RANK_TOLERANCE = 1e-10
-"""Least share of a pivot in the largest one, with torques divided by an arm."""
-
-
-def least_norm_margin(
-    p_CoMC: FloatArray,
-    nhat: FloatArray,
-    friction: float,
-    *,
-    model: str = "hard_finger",
-    torsional_friction: float = TORSIONAL_FRICTION,
-) -> FloatArray:
-    """Returns the lower bound m min(a) of the margin for sets of n contacts at once, shape (...).
-
-    It is at most 1, and -inf where the primitive wrenches do not span all wrenches.
-
-    Args:
-        p_CoMC: Lever arms from the centre of mass to the contacts, shape (..., n, 3), in metres.
-        nhat: Outward unit normals at the contacts, in the same frame, shape (..., n, 3).
-        friction: Coulomb's coefficient.
-        model: One of `CONE_MODELS`.
-        torsional_friction: Torsional friction of the soft finger, in metres.
-
-    Raises:
-        InvalidArgumentError: As for `min_weight_margin`.
-    """
-    E = cone_edges(friction, model, torsional_friction)
-    P = balance_blocks(p_CoMC, nhat, model, longest_arm(p_CoMC))
-    y, spans = _solve(np.sum(_grams(P, E), axis=2))
-    weights = _edge_weights(P, E, y[:, None, None])
-    least = np.min(weights, axis=(0, 1), initial=np.inf)
-    m = E.shape[1] * p_CoMC.shape[-2]
-    return np.where(spans, m * np.where(spans, least, 0), -np.inf)
-
-
-def moved_least_norm_margin(
-    p_CoMC: FloatArray,
-    nhat: FloatArray,
-    friction: float,
-    *,
-    moved: int,
-    p_CoMQ: FloatArray,
-    nhat_Q: FloatArray,
-    model: str = "hard_finger",
-    torsional_friction: float = TORSIONAL_FRICTION,
-) -> FloatArray:
-    """Returns `least_norm_margin` of a grasp with one contact at each of N places, shape (N,).
-
-    Args:
-        p_CoMC: As for `least_norm_margin`, shape (n, 3).
-        nhat: As for `least_norm_margin`, shape (n, 3).
-        friction: As for `least_norm_margin`.
-        moved: Index of the contact that moves to the places.
-        p_CoMQ: Lever arms of the places, shape (N, 3), in metres.
-        nhat_Q: Outward unit normals at the places, shape (N, 3).
-        model: As for `least_norm_margin`.
-        torsional_friction: As for `least_norm_margin`.
-
-    Raises:
-        InvalidArgumentError: As for `min_weight_margin`.
-    """
-    E = cone_edges(friction, model, torsional_friction)
-    arm = max(longest_arm(p_CoMC), longest_arm(p_CoMQ))
-    P = balance_blocks(p_CoMC, nhat, model, arm)
-    P_Q = balance_blocks(p_CoMQ, nhat_Q, model, arm)
-    others = np.delete(P, moved, axis=2)
-    y, spans = _solve(np.sum(_grams(others, E), axis=2)[:, :, None] + _grams(P_Q, E))
-    least = np.min(_edge_weights(P_Q, E, y[:, None]), axis=0)
-    weights = _edge_weights(others[..., None], E, y[:, None, None])
-    least = np.minimum(least, np.min(weights, axis=(0, 1), initial=np.inf))
-    n = len(p_CoMC)
-    if model == "hard_finger" and n < 3:  # No moment about the line through both; rounding has one.
-        spans = np.zeros_like(spans)
-    return np.where(spans, n * E.shape[1] * np.where(spans, least, 0), -np.inf)
-
-
-# Below, the 7 rows of A come first and the many grasps last, so that loops over few rows vectorise.
-
-
-def balance_blocks(p_CoMC: FloatArray, nhat: FloatArray, model: str, arm: float) -> FloatArray:
-    """Returns P_i, shape (7, k, n, ...), of contacts (..., n, 3); torques are divided by an arm."""
-    G = contact_blocks(p_CoMC, nhat, model)
-    G[..., 3:, :] /= arm
-    ones = np.zeros((*G.shape[:-2], 1, G.shape[-1]))
-    ones[..., 0] = 1
-    P = np.concatenate([G, ones], axis=-2)
-    return np.ascontiguousarray(P.transpose(-2, -1, -3, *range(P.ndim - 3)))
-
-
-def _grams(P: FloatArray, E: FloatArray) -> FloatArray:
-    """Returns P_i (E Eᵀ) P_iᵀ, shape (7, 7, n, ...)."""
-    scaled = P * np.sum(E**2, axis=1).reshape(-1, *[1] * (P.ndim - 2))
-    grams: FloatArray = np.einsum("ak...,bk...->ab...", scaled, P)
-    return grams
-
-
-def _edge_weights(P: FloatArray, E: FloatArray, y: FloatArray) -> FloatArray:
-    """Returns the weights Eᵀ P_iᵀ y of the edges, shape (e, n, ...), for y along axis 0."""
-    components = np.sum(P * y, axis=0)
-    weights: FloatArray = np.tensordot(E.T, components, axes=1)
-    return weights
-
-
-def _solve(M: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Returns y of M y = e, shape (7, ...), and whether M has full rank, by M = L D Lᵀ.
-
-    As L is unit triangular and e has only its last element, D Lᵀ y = e.
-    """
-    size = len(M)
-    largest = np.max(np.einsum("aa...->a...", M), axis=0)
-    M, L = M.copy(), np.zeros_like(M)
-    spans = np.ones(M.shape[2:], dtype=bool)
-    pivot = largest
-    for j in range(size):
-        pivot = M[j, j]
-        spans &= pivot > GRAM_RANK_TOLERANCE * largest
-        pivot = np.where(spans, pivot, 1)
-        L[j + 1 :, j] = M[j + 1 :, j] / pivot
-        M[j + 1 :, j + 1 :] -= L[j + 1 :, None, j] * M[None, j, j + 1 :]
-    y = np.zeros((size, *M.shape[2:]))
-    y[-1] = 1 / pivot
-    for j in reversed(range(size - 1)):
-        y[j] = -np.sum(L[j + 1 :, j] * y[j + 1 :], axis=0)
-    return y, spans
+def _minimum(
+    c: FloatArray, A: FloatArray, b: FloatArray, cones: list[object]
+) -> tuple[float, FloatArray] | None:
+    """Returns min c x over b - A x in the cones, and x; None if there is no minimum."""
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.equilibrate_enable = False  # The rows are of the order of one.
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _ACCURACY
+    settings.reduced_tol_gap_abs = settings.reduced_tol_gap_rel = LEAST_MARGIN
+    settings.reduced_tol_feas = LEAST_MARGIN
+    rows, columns = A.shape
+    starts, rows_of_values = np.arange(columns + 1) * rows, np.tile(np.arange(rows), columns)
+    sparse = csc_matrix((A.T.ravel(), rows_of_values, starts), shape=A.shape)
+    nothing = csc_matrix((columns, columns))
+    solution = clarabel.DefaultSolver(nothing, c, sparse, b, cones, settings).solve()
+    if str(solution.status) not in _SOLVED:
+        return None
+    return float(solution.obj_val), np.array(solution.x)

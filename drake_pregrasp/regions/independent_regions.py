@@ -15,10 +15,9 @@ from scipy.spatial import cKDTree
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality import force_closure
+from drake_pregrasp.quality.force_closure import LEAST_MARGIN
+from drake_pregrasp.quality.margin_bounds import least_norm_margin
 from drake_pregrasp.regions.safe_regions import SafeRegions
-
-LEAST_MARGIN = 1e-7
-"""Margin up to which there is no force closure: the error of the linear program's margins."""
 
 
 def force_closed_share(
@@ -34,7 +33,7 @@ def force_closed_share(
     """Returns the share of sampled choices, one candidate per region, with force closure.
 
     Candidates are sampled with probabilities proportional to the areas that they represent. The
-    lower bound in closed form decides the clear cases, and a linear program the others. Contacts
+    lower bound in closed form decides the clear cases, and the margin itself the others. Contacts
     without a region are ignored.
 
     Args:
@@ -59,7 +58,7 @@ def force_closed_share(
     picks = np.stack(chosen, axis=1)
     p_CoMC: FloatArray = surface.p_OQ[picks] - surface.p_OCoM
     nhat = surface.nhat_OQ[picks]
-    bound = force_closure.least_norm_margin(
+    bound = least_norm_margin(
         p_CoMC, nhat, friction, model=model, torsional_friction=torsional_friction
     )
     closed = bound > LEAST_MARGIN
@@ -122,7 +121,7 @@ def slip_radii_within(
         places[i][1:, i], normals[i][1:, i] = surface.p_OQ[near], surface.nhat_OQ[near]
     if not slips:
         return np.empty(0)
-    bound = force_closure.least_norm_margin(
+    bound = least_norm_margin(
         np.concatenate(places) - surface.p_OCoM,
         np.concatenate(normals),
         friction,

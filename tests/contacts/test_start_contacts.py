@@ -152,7 +152,7 @@ def under_parts(start, surface, shape):
 @pytest.mark.parametrize(
     ("name", "half_angle", "count"),
     [
-        ("box0", 0.4, lambda start, surface, hand, shape: at_the_edge(start, surface, hand)),
+        ("box2", 0.15, lambda start, surface, hand, shape: at_the_edge(start, surface, hand)),
         ("drill", 1.13, lambda start, surface, hand, shape: under_parts(start, surface, shape)),
     ],
 )

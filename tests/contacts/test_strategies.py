@@ -1,14 +1,19 @@
 import numpy as np
 import printed_equations
 import pytest
-from selections import selection_of, spread_contacts
+from conftest import slow
+from scipy.spatial.transform import Rotation
+from selections import CUBE, changed_surface, selection_of, spread_contacts
 from thin_cup import CUP
 
 from drake_pregrasp import InvalidArgumentError, box_surface, mesh_surface
 from drake_pregrasp.contacts.centroids import position_tracking, select_contacts
+from drake_pregrasp.contacts.goal_limits import ContactLimits
+from drake_pregrasp.contacts.quality_guard import guard_measure
 from drake_pregrasp.contacts.strategies import READINGS, hand_margin, make_strategy
-from drake_pregrasp.quality.force_closure import least_norm_margin, min_weight_margin
+from drake_pregrasp.quality.force_closure import min_weight_margin
 from drake_pregrasp.quality.grasp_quality import grasp_quality
+from drake_pregrasp.quality.margin_bounds import least_norm_margin
 
 
 @pytest.mark.parametrize("lost", [(), (0, 3)])
@@ -116,6 +121,26 @@ def test_the_margin_strategy_weighs_by_the_bound_of_the_hand(surface, p_OC, lost
             p[i], nhat[i] = surface.p_OQ[q], surface.nhat_OQ[q]
             bound = least_norm_margin(p[active], nhat[active], 0.5)
             assert value == pytest.approx(bound if bound >= 0 else bound / (1 - bound), rel=1e-7)
+
+
+@pytest.mark.parametrize("seed", [0, 1, *map(slow, range(2, 40))])
+@pytest.mark.parametrize("name", ["msv", "margin", "independence"])
+def test_goals_depend_neither_on_axes_nor_on_handedness_nor_on_the_order(name, seed):
+    """A guard of the margin moves contacts in their order; it depends on no axes either."""
+    rng, n = np.random.default_rng(seed), 3 + seed % 3
+    R = Rotation.random(random_state=seed).as_matrix() @ np.diag([1.0, 1, (-1) ** seed])
+    other, guard = changed_surface(CUBE, R), guard_measure(["margin"], 0.5, 0.01)
+    places = CUBE.p_OQ[rng.choice(len(CUBE.p_OQ), n, replace=False)]
+    p_OC = CUBE.project(places + rng.normal(scale=1e-3, size=(n, 3)))[0]
+    strategy = make_strategy(name, friction=0.5)
+    for order, limits in [
+        (rng.permutation(n), ContactLimits()),
+        (np.arange(n), ContactLimits(guard=guard)),
+    ]:
+        goals = select_contacts(selection_of(CUBE, p_OC), strategy, limits=limits).p_OC
+        changed = selection_of(other, other.project((p_OC @ R.T)[order])[0])
+        changed_goals = select_contacts(changed, strategy, limits=limits).p_OC
+        np.testing.assert_allclose(changed_goals, (goals @ R.T)[order], atol=1e-9)
 
 
 @pytest.mark.parametrize("reading", READINGS)
