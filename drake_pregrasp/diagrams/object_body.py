@@ -63,12 +63,18 @@ _LINK_RESOLUTION = 0.003  # Edge length of the facets of such links, in metres.
 _MANY_CORNERS = 6  # So many corners give four points of contact that are not in a line.
 _RESTING_DEPTH = 5e-6  # Of an object on its widest face, in metres. Stiffer objects rock.
 _RESOLUTION = 0.1  # Drake requires it, but a hull is not tessellated.
+_RIM = 0.25  # Width of the rim of a sliding object's faces, as a share of the way to their middle.
 _BALL_RESOLUTION = 0.02  # Edges of the tetrahedra of obstacles that are balls, in metres.
 _GAINS = PdControllerGains(p=1e4, d=2e2)  # The same as those of the conveyor.
 
 
 def add_object_body(
-    plant: MultibodyPlant, shape: Shape, mass: float, *, friction: float = FRICTION
+    plant: MultibodyPlant,
+    shape: Shape,
+    mass: float,
+    *,
+    friction: float = FRICTION,
+    slides: bool = False,
 ) -> RigidBody:
     """Adds the object to a plant that is not finalized, and returns its body, whose frame is O.
 
@@ -77,6 +83,8 @@ def add_object_body(
         shape: Shape of the object in O.
         mass: Mass of the object, in kg.
         friction: Coulomb's coefficient of the object.
+        slides: Whether the object slides over a table or lands on it. Friction then moves the
+            pressure to the front of its base, so that contact is needed near the edges, too.
     """
     inertia = _spatial_inertia(shape, mass)
     body = plant.AddRigidBody("object", plant.AddModelInstance("object"), inertia)
@@ -91,7 +99,7 @@ def add_object_body(
     modulus = _hull_modulus(hull, mass)
     AddCompliantHydroelasticProperties(_RESOLUTION, modulus, compliant)
     AddRigidHydroelasticProperties(rigid)
-    tetrahedra = MeshGeometry(mesh_data=_hull_data(hull))
+    tetrahedra = MeshGeometry(mesh_data=_hull_data(hull, has_rims=slides))
     plant.RegisterCollisionGeometry(body, X_OG, tetrahedra, "hull", compliant)
     surface = MeshGeometry(mesh_data=_mesh_data(shape.mesh))
     plant.RegisterCollisionGeometry(body, X_OG, surface, "surface", rigid)
@@ -175,11 +183,16 @@ def _hull_modulus(hull: trimesh.Trimesh, mass: float) -> float:
     return min(MODULUS, pressure * thickness / _RESTING_DEPTH)
 
 
-def _hull_data(hull: trimesh.Trimesh) -> InMemoryMesh:
+def _hull_data(hull: trimesh.Trimesh, *, has_rims: bool) -> InMemoryMesh:
     """Returns a convex hull for Drake, as tetrahedra that meet at its centroid.
 
     Each tetrahedron presses at one point of its patch of contact. Faces with few corners are
-    divided at their centres, because an object that stands on two such points rocks.
+    divided at their centres, because an object that stands on two such points rocks. A rim has
+    points of its own: without it a cube presses at two thirds of the way to its edges at most.
+
+    Args:
+        hull: The convex hull in O.
+        has_rims: Whether its faces have a rim of narrow triangles.
     """
     # trimesh hashes its arrays at each access.
     vertices, faces, centroid = np.array(hull.vertices), np.array(hull.faces), hull.centroid
@@ -192,7 +205,15 @@ def _hull_data(hull: trimesh.Trimesh) -> InMemoryMesh:
         corners = vertices[border] - centroid
         # Triangles that are only almost in a plane may have their middle beside them.
         volumes = np.cross(corners[:, 0], corners[:, 1]) @ (middle - centroid)
-        if len(border) < _MANY_CORNERS and np.all(volumes > 0):
+        is_round = np.all(volumes > 0)
+        if has_rims and is_round:
+            inner = {a: len(points) + k for k, (a, _) in enumerate(border)}
+            points += [vertices[a] + _RIM * (middle - vertices[a]) for a, _ in border]
+            for a, b in border:
+                triangles += [(a, b, inner[b]), (a, inner[b], inner[a])]
+                triangles.append((inner[a], inner[b], len(points)))
+            points.append(middle)
+        elif len(border) < _MANY_CORNERS and is_round:
             triangles += [(a, b, len(points)) for a, b in border]
             points.append(middle)
         else:

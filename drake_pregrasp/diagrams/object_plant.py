@@ -76,7 +76,8 @@ def add_moving_object(
     if isinstance(motion, PoseStream):
         return _add_replay(builder, shape, mass, motion, plant_config)
     plant, scene_graph = AddMultibodyPlant(plant_config, builder)
-    body, mesh = add_object_body(plant, shape, mass, friction=friction), shape.mesh
+    slides, mesh = isinstance(motion, Toss), shape.mesh
+    body = add_object_body(plant, shape, mass, friction=friction, slides=slides)
     if isinstance(motion, Conveyor):
         driven, profile = add_model(plant, "conveyor_table.sdf"), motion.velocities()
     elif isinstance(motion, Push):

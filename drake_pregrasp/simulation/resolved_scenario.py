@@ -43,7 +43,7 @@ from drake_pregrasp.simulation.scenario import TIME_STEP, Scenario
 from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 from drake_pregrasp.systems.sources import MovingSolid
 
-_LANDING_STEP = 0.0025  # Longest default time step for an object that lands on a table, in seconds.
+_TOSS_STEP = 0.001  # Longest default time step for a tossed object, in seconds.
 _STEP_LENGTH = 5e-4  # Largest distance that a pusher moves in a default time step, in metres.
 
 
@@ -174,8 +174,8 @@ def _plant_config(scenario: Scenario) -> MultibodyPlantConfig:
     if settings.time_step == TIME_STEP:
         step = scenario.grasp.period / 2 if scenario.has_hand else TIME_STEP
         longest = _STEP_LENGTH / motion.speed if isinstance(motion, Push) else math.inf
-        if isinstance(motion, Toss) and motion.table:
-            longest = _LANDING_STEP
+        if isinstance(motion, Toss):
+            longest = _TOSS_STEP
         settings.time_step = step / max(1, math.ceil(step / longest))
     return settings
 
