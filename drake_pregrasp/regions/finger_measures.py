@@ -164,7 +164,9 @@ class FingerMeasures:
         - Force: the largest force f along the inward normal n that every joint's torque permits,
           min_j tau_j / |J_jᵀ n|, because the torques of f n are Jᵀ n f.
 
-        All but the force are interpolated linearly between the nodes.
+        All but the force are interpolated linearly between the nodes. For the shipped hands the
+        first three are off by up to 20 % of the finger's largest value, 95 % of the places by at
+        most 8 %. Errors are largest near stretched postures and limits of joints.
 
         Args:
             fingers: Index of the finger at each place, shape (m,).

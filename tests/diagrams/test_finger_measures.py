@@ -17,7 +17,7 @@ from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import make_strategy
 from drake_pregrasp.quality.grasp_quality import posture_measures
 from drake_pregrasp.regions.constraints import Limit, RegionConstraints
-from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
+from drake_pregrasp.regions.finger_measures import FINGER_MEASURES, FingerMeasures
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation.hand_file import load_hand, made_hand
 from drake_pregrasp.simulation.scenario_file import load_resolved
@@ -91,6 +91,25 @@ def test_lattices_are_drakes_kinematics(finger):
     loads = np.max(np.abs(torques) / chain.efforts, axis=1)
     assert np.all(1.02 * loads > 1)
     assert np.all(0.98 * loads < 1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["five_finger_hand", "allegro_hand"])
+def test_measures_between_nodes_are_as_exact_as_stated(name):
+    hand = made_hand(load_hand(f"package://drake_pregrasp/{name}.yaml"))
+    lattices, errors = FingerMeasures.around(0.12, hand.finger_chains), []
+    for finger, chain in enumerate(hand.finger_chains):
+        tips = chain.tips(chain.samples())[0]
+        tips = tips[np.linalg.norm(tips, axis=1) < 0.12][::5]
+        reached, J = chain.tips(chain.postures(tips))
+        exact = posture_measures(J)
+        fingers = np.full(len(tips), finger)
+        measures = lattices.at(fingers, tips, np.tile([0.0, 0, 1], (len(tips), 1)))[:, :3]
+        own = np.abs(measures - exact) / np.max(exact, axis=0)
+        errors.append(own[np.linalg.norm(reached - tips, axis=1) < 1e-3])
+    errors = np.concatenate(errors)
+    assert np.nanmax(errors) < 0.2
+    assert np.all(np.nanquantile(errors, 0.95, axis=0) < 0.08)
 
 
 @pytest.mark.parametrize("name", FINGER_MEASURES)
