@@ -49,7 +49,7 @@ NEVER = "was never tracked"
     [
         slow("nan_probability: 1.0", NEVER),
         slow("outlier_probability: 1.0, outlier_position: 1.0", NEVER),
-        ("nan_probability: 1.0, start: 0.2", "was tracked at 37 % of the ticks"),
+        ("nan_probability: 1.0, start: 0.2", "was tracked at 21 % of the ticks"),
         slow("outlier_probability: 0.1", None),
     ],
 )
