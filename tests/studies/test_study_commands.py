@@ -26,7 +26,7 @@ def test_list_and_run_import_no_study(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "library"),
-    [(["study", "tracking"], "seaborn"), (["gallery"], "jinja2"), (["bench"], "pandas")],
+    [(["study", "shapes"], "seaborn"), (["gallery"], "jinja2"), (["bench"], "pandas")],
 )
 def test_without_the_extra_one_line_names_the_command_that_installs_it(
     command, library, tmp_path, capfd
