@@ -239,3 +239,19 @@ def test_the_volume_strategy_spreads_the_contacts_and_singular_values_are_restle
 def test_invalid_settings_are_refused(name, options, problem):
     with pytest.raises(InvalidArgumentError, match=problem):
         make_strategy(name, **options)
+
+
+@pytest.mark.parametrize(
+    ("name", "least", "most"), [("position", 0.001, 0.006), slow("vew", 0.006, 0.02)]
+)
+def test_settled_goals_depend_on_the_spacing(p_OC, name, least, most):
+    """docs/planner_options.md states these errors of goals for a spacing of 10 mm."""
+    settled = []
+    for spacing in (0.01, 0.005):
+        surface = box_surface([0.1, 0.1, 0.1], spacing=spacing, forbidden_faces=["+z", "-z"])
+        goals = p_OC
+        for _ in range(40):
+            goals = select_contacts(selection_of(surface, goals), make_strategy(name)).p_OC
+        settled.append(goals)
+    moved = np.linalg.norm(settled[1] - settled[0], axis=1)
+    assert least < np.max(moved) < most
