@@ -34,6 +34,12 @@ def selection_of(surface, p_OC, weights=None, **constraints):
     return SelectionInput(surface, p_OC, regions, 0.04**2 * np.eye(3))
 
 
+def joined(a, b):
+    """The forbidden points of two sets."""
+    parts = ((a.points, b.points), (a.radii, b.radii), (a.normals, b.normals))
+    return ForbiddenPoints(*(np.concatenate(pair) for pair in parts))
+
+
 def nearest_candidate(surface, place):
     return int(np.argmin(np.linalg.norm(surface.p_OQ - place, axis=1)))
 

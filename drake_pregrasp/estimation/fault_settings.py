@@ -23,8 +23,7 @@ class FaultChannel(IntEnum):
     DROPOUTS = 3
     JITTER = 4
     FREEZING = 5
-    SIGN_FLIPS = 6
-    NAN = 7
+    NAN = 6
 
 
 def fault_generator(seed: int, tick: int, channel: FaultChannel) -> np.random.Generator:
@@ -162,9 +161,6 @@ class MeasurementFaults:
     # Mean length of a freeze, in seconds; lengths are distributed as those of occlusions.
     freeze_duration: float = field(default=0.5, metadata=_DURATION)
 
-    # Probability that a measured quaternion has the other sign. The rotation is the same.
-    sign_flip_probability: float = field(default=0.0, metadata=_PROBABILITY)
-
     # Probability that a measurement is not a number.
     nan_probability: float = field(default=0.0, metadata=_PROBABILITY)
 
@@ -194,7 +190,6 @@ class MeasurementFaults:
                 *self.orientation_bias,
                 self.degrees_of_freedom,
                 self.outlier_probability,
-                self.sign_flip_probability,
                 self.nan_probability,
             )
         )

@@ -7,7 +7,6 @@ at each tick, and arrives at once.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.arrays import FloatArray, first_tick
 from drake_pregrasp.estimation.fault_settings import (
@@ -35,9 +34,7 @@ def faulty_disturbance(
 
         offset = position_std n + b + o,  turn = Exp(o_R) Exp(orientation_std n_R) Exp(b_R).
 
-    Both signs of a quaternion are the same rotation, so no rotation matrix can show a sign flip: it
-    acts on the quaternion of the turn, which negates that of the whole orientation. An invalid
-    measurement is NaN in all its numbers.
+    An invalid measurement is NaN in all its numbers.
 
     Args:
         noise: Standard normal numbers, shape (6,), three each for position and orientation.
@@ -67,10 +64,6 @@ def faulty_disturbance(
     if outliers and outliers.random() < chance:
         offset = offset + faults.outlier_position * _direction(outliers)
         turn = rotation_matrix(faults.outlier_orientation * _direction(outliers)) @ turn
-    if chance := faults.sign_flip_probability:
-        is_flipped = fault_generator(seed, tick, FaultChannel.SIGN_FLIPS).random() < chance
-        quaternion = Rotation.from_matrix(turn).as_quat()
-        turn = Rotation.from_quat(-quaternion if is_flipped else quaternion).as_matrix()
     return offset, turn
 
 

@@ -40,11 +40,6 @@ class TrackingStatus(IntEnum):
     def _missing_(cls, value: object) -> "TrackingStatus":
         return cls.LOST
 
-    @property
-    def is_followed(self) -> bool:
-        """Whether goals may follow the estimate."""
-        return self in FOLLOWED
-
 
 FOLLOWED = (TrackingStatus.TRACKING, TrackingStatus.COASTING)
 """Values of `TrackingStatus` with which goals may follow the estimate."""

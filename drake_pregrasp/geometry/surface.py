@@ -63,14 +63,6 @@ class ForbiddenPoints:
         """Returns an empty set."""
         return ForbiddenPoints(np.empty((0, 3)), np.empty(0))
 
-    def joined(self, other: "ForbiddenPoints") -> "ForbiddenPoints":
-        """Returns the union with other points in the same frame."""
-        return ForbiddenPoints(
-            np.concatenate([self.points, other.points]),
-            np.concatenate([self.radii, other.radii]),
-            np.concatenate([self.normals, other.normals]),
-        )
-
 
 @dataclass(frozen=True, eq=False)
 class ObjectSurface:

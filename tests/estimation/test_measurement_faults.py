@@ -97,13 +97,3 @@ def test_nan_measurements_are_nan_throughout_and_have_the_set_probability():
     bad = np.array([np.append(offset, turn) for offset, turn in found])
     np.testing.assert_array_equal(np.any(np.isnan(bad), axis=1), np.all(np.isnan(bad), axis=1))
     assert binomtest(int(np.sum(np.isnan(bad[:, 0]))), TICKS, 0.2).pvalue > SURE
-
-
-def test_no_rotation_shows_the_sign_of_its_quaternion():
-    """Bit for bit whatever the probability, and to rounding as if there were no quaternion."""
-    some, all_of_them, none = (
-        disturbances(MeasurementFaults(sign_flip_probability=p), NORMAL[:200])
-        for p in (0.5, 1.0, 0.0)
-    )
-    np.testing.assert_array_equal(some, all_of_them)
-    np.testing.assert_allclose(some, none, atol=1e-14)

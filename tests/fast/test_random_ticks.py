@@ -5,6 +5,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from selections import joined
 from thin_cup import CUP
 
 from drake_pregrasp import BoxSolid, ForbiddenPoints, box_surface, mesh_surface
@@ -210,7 +211,7 @@ def test_a_tick_is_that_of_the_reference(
         m = rng.choice([1, 40, 300])
         z = rng.choice(surface.p_OQ, m) + 1e-3 * rng.normal(size=(m, 3))
         z[: m // 20] = p_OC[0]  # Some at a contact itself.
-        forbidden = forbidden.joined(ForbiddenPoints(z, np.abs(rng.normal(0, 0.004, m))))
+        forbidden = joined(forbidden, ForbiddenPoints(z, np.abs(rng.normal(0, 0.004, m))))
     constraints = random_constraints(rng, which, p_OC, forbidden, has)
     points, c = surface.p_OQ, p_OC
     if "normals" in has:

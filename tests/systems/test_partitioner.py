@@ -6,6 +6,7 @@ from broken_values import NO_POSES
 from made_systems import X_WO, N, partition, sloping_measures
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
+from selections import joined
 
 import drake_pregrasp as dp
 from drake_pregrasp.regions.constraints import Limit
@@ -38,7 +39,7 @@ def in_world(value):
 
 def test_regions_are_those_of_the_printed_equation_in_the_objects_frame(surface, p_OC):
     inputs = {"contact_weights": WEIGHTS, "obstacles": in_world(dp.Obstacles(points=POINT))}
-    forbidden = surface.forbidden.joined(POINT)
+    forbidden = joined(surface.forbidden, POINT)
     expected = compute_safe_regions(surface.p_OQ, p_OC, WEIGHTS, forbidden)
     assert differ(partition(surface, p_OC, inputs), expected) < 0.01
 
