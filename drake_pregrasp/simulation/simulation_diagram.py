@@ -59,18 +59,20 @@ def make_diagram(
     """
     resolved, builder = resolve(scenario), DiagramBuilder()
     weights = builder.AddNamedSystem("contact_weights", _contact_weights(resolved))
+    hand: GraspingHand | None = None
     if resolved.hand is None:
         plant: ObjectPlant | HandStation = _add_object(builder, resolved)
         planner = _add_planner(builder, resolved, weights)
     else:
-        station, hand = _add_hand(builder, resolved, resolved.hand, weights, goals)
-        plant, planner = station, hand.planner
-        if grasp_sink is not None:
-            _add_grasp_logger(builder, resolved, station, hand, grasp_sink)
+        plant, hand = _add_hand(builder, resolved, resolved.hand, weights, goals)
+        planner = hand.planner
     _add_sensor(builder, resolved, plant, planner)
     if resolved.scenario.capability:
         connect(builder, planner, "p_WC_previous:p_WC", weights)
+    # The first logger to ask a system computes its outputs: this one measures how long that takes.
     _add_logger(builder, resolved, plant, planner, sink)
+    if hand is not None and grasp_sink is not None:
+        _add_grasp_logger(builder, resolved, plant, hand, grasp_sink)
     if meshcat is not None:
         _add_obstacle_drawings(builder, resolved, meshcat)
         add_visualizers(
@@ -193,7 +195,7 @@ def _add_hand(
 def _add_grasp_logger(
     builder: DiagramBuilder,
     resolved: ResolvedScenario,
-    station: HandStation,
+    plant: ObjectPlant | HandStation,
     hand: GraspingHand,
     sink: Callable[[GraspRecord], None],
 ) -> None:
@@ -201,7 +203,7 @@ def _add_grasp_logger(
     logger = GraspLogger(num_fingers=fingers, period=period, sink=sink)
     builder.AddNamedSystem("grasp_logger", logger)
     connect(builder, hand.controller, "grasp_report p_GT p_WT f_T_W X_WG", logger)
-    connect(builder, station, "X_WO X_WD link_forces", logger)
+    connect(builder, plant, "X_WO X_WD link_forces", logger)
 
 
 def _add_sensor(

@@ -23,7 +23,7 @@ OVERLAY = Path(__file__).with_name("run_timeline.html")
 _TRACKING = {
     TrackingStatus.WAITING: "waiting for the first measurement",
     TrackingStatus.TRACKING: "tracked",
-    TrackingStatus.COASTING: "not seen: goals follow the prediction",
+    TrackingStatus.COASTING: "not confirmed: goals follow the prediction",
     TrackingStatus.LOST: "lost from sight: goals are held",
 }
 _PHASES = {

@@ -45,7 +45,7 @@ def test_the_end_of_the_static_phase_and_a_lost_object_are_told():
     assert [time for time, _ in events] == [0.2, 0.3, 0.4, 0.5]
     assert [text.split(":")[0] for _, text in events] == [
         "contacts adapt",
-        "object not seen",
+        "object not confirmed",
         "object lost from sight",
         "object tracked",
     ]
