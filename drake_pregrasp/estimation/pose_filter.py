@@ -128,6 +128,24 @@ def predict(belief: PoseBelief, dt: float, noise: PoseFilterNoise) -> PoseBelief
     )
 
 
+def predicted_mean(
+    belief: PoseBelief, dt: float, gravity: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Returns the mean of `predict` for a belief of one model: R_WO, p_WCoM and V_WCoM.
+
+    Args:
+        belief: Belief of one model.
+        dt: Length of the prediction, in seconds.
+        gravity: Mean acceleration along -z of W, in m/s².
+    """
+    V_WCoM = belief.V_WCoM[0].copy()
+    R_WO = rotation_matrix(V_WCoM[:3] * dt) @ belief.R_WO[0]
+    p_WCoM = belief.p_WCoM[0] + V_WCoM[3:] * dt
+    p_WCoM[2] -= gravity * (dt**2 / 2)
+    V_WCoM[5] -= gravity * dt
+    return R_WO, p_WCoM, V_WCoM
+
+
 def process_noise(noise: PoseFilterNoise, dt: float) -> FloatArray:
     """Returns the covariance that white accelerations add in dt, shape (K, 12, 12)."""
     Q = dt**3 / 3 * _DRIFT + dt**2 / 2 * _MIXED + dt * _RATE

@@ -1,6 +1,7 @@
 """Estimate of the object's pose, twist and uncertainty from noisy pose measurements."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
@@ -21,8 +22,8 @@ from drake_pregrasp.config.planner_config import EstimatorConfig, tracker_settin
 from drake_pregrasp.config.validation import checked
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.pose_belief import PoseBelief, PoseMeasurement, boosted, no_belief
-from drake_pregrasp.estimation.pose_filter import origin_covariance, predict
-from drake_pregrasp.estimation.pose_track import FOLLOWED, PoseTrack, TrackingStatus
+from drake_pregrasp.estimation.pose_filter import origin_covariance, predict, predicted_mean
+from drake_pregrasp.estimation.pose_track import PoseTrack, TrackingStatus
 from drake_pregrasp.estimation.pose_tracker import OLDEST, update_track
 from drake_pregrasp.fast import default_kernels
 from drake_pregrasp.fast.kernels import Kernels
@@ -33,6 +34,24 @@ WAITING_STD = 1.0
 """Standard deviation of the position before the first measurement, in metres."""
 
 _UNKNOWN = np.full(6, np.nan)  # Twist of an object that no hand holds.
+
+
+class _Estimate(NamedTuple):
+    """Estimate at one time.
+
+    Attributes:
+        status: Status of the estimate.
+        belief: Mixture of the models at the newest measurement, with the twist that is known since.
+        R_WO: Predicted orientation, shape (3, 3).
+        p_WO: Predicted position, shape (3,), in metres.
+        V_WO: Predicted angular velocity, and velocity of the origin, shape (6,).
+    """
+
+    status: TrackingStatus
+    belief: PoseBelief
+    R_WO: FloatArray = np.eye(3)
+    p_WO: FloatArray = np.zeros(3)
+    V_WO: FloatArray = np.zeros(6)
 
 
 class PoseEstimator(LeafSystem):
@@ -149,15 +168,15 @@ class PoseEstimator(LeafSystem):
         time = self.time_ticket()
         self._stored = declare_cache(
             self,
-            "track of the last update",
-            self._no_track,
-            lambda context: self._unpack(context.get_discrete_state(self._track_index).value()),
+            "track of the last update, and the mixture of its newest belief",
+            (self._no_track, no_belief()),
+            self._calc_stored,
             self.discrete_state_ticket(self._track_index),
         )
         self._track = track = declare_cache(
             self,
-            "track at the Context's last tick",
-            self._no_track,
+            "track at the Context's last tick, and the mixture of its newest belief",
+            (self._no_track, no_belief()),
             self._calc_track,
             time,
             self.xd_ticket(),
@@ -165,8 +184,8 @@ class PoseEstimator(LeafSystem):
         )
         self._estimate = estimate = declare_cache(
             self,
-            "status and belief at the Context's time",
-            (TrackingStatus.WAITING, no_belief()),
+            "status, and mean of the prediction for the Context's time",
+            _Estimate(TrackingStatus.WAITING, no_belief()),
             self._calc_estimate,
             time,
             track,
@@ -174,21 +193,29 @@ class PoseEstimator(LeafSystem):
         )
         declare_output(self, "X_WO_estimated", POSE, self._calc_pose, estimate)
         declare_output(self, "V_WO_estimated", VELOCITY, self._calc_velocity, estimate)
-        declare_output(self, "p_WO_covariance", 9, self._calc_covariance, time, track, estimate)
-        declare_output(self, "tracking_status", 1, lambda c: estimate.Eval(c)[0].value, estimate)
-        declare_output(self, "time_since_measurement", 1, self._calc_age, time, track)
-        declare_output(self, "measurement_verdict", 1, lambda c: track.Eval(c).verdict.value, track)
+        declare_output(self, "p_WO_covariance", 9, self._calc_covariance, time, estimate)
         declare_output(
-            self, "innovation_squared", 2, lambda c: track.Eval(c).innovation_squared, track
+            self, "tracking_status", 1, lambda c: estimate.Eval(c).status.value, estimate
+        )
+        declare_output(self, "time_since_measurement", 1, self._calc_age, time, track)
+        declare_output(
+            self, "measurement_verdict", 1, lambda c: track.Eval(c)[0].verdict.value, track
+        )
+        declare_output(
+            self, "innovation_squared", 2, lambda c: track.Eval(c)[0].innovation_squared, track
         )
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store_track)
 
-    def _calc_track(self, context: Context) -> PoseTrack:
+    def _calc_stored(self, context: Context) -> tuple[PoseTrack, PoseBelief]:
+        track = self._unpack(context.get_discrete_state(self._track_index).value())
+        return track, self._merged(track.newest)
+
+    def _calc_track(self, context: Context) -> tuple[PoseTrack, PoseBelief]:
         time = context.get_time()
         stored_time = context.get_discrete_state(self._time_index)[0]
-        track: PoseTrack = self._stored.Eval(context)
+        track, belief = self._stored.Eval(context)
         if tick_index(time, self._period) == tick_index(stored_time, self._period):
-            return track
+            return track, belief
         X_WO: RigidTransform = self._X_WO_measured.Eval(context)
         measured_at = time
         if self._measurement_time.HasValue(context):
@@ -197,77 +224,71 @@ class PoseEstimator(LeafSystem):
             measured_at, X_WO.translation().copy(), X_WO.rotation().matrix()
         )
         if stored_time > time:  # The clock was set back.
-            track = self._no_track
+            track, belief = self._no_track, no_belief()
         if self._V_WO_held.HasValue(context):
-            track = track.with_twist(self._twist(context, track), time - self._period / 2)
-        return update_track(track, measurement, time, self._settings)
+            V_held = self._twist(context, belief)
+            track = track.with_twist(V_held, time - self._period / 2)
+        track = update_track(track, measurement, time, self._settings)
+        return track, self._merged(track.newest)
 
-    def _twist(self, context: Context, track: PoseTrack) -> FloatArray:
+    def _twist(self, context: Context, belief: PoseBelief) -> FloatArray:
         """Returns the present twist of the held object, at its centre of mass, or NaN."""
         V_WO: FloatArray = self._V_WO_held.Eval(context).get_coeffs()
         if not are_valid(V_WO):
             return _UNKNOWN
         w_WO, v_WO = V_WO.reshape(2, 3)
-        R_WO = self._merged(track.newest).R_WO[0]
-        return np.append(w_WO, v_WO + skew(w_WO) @ (R_WO @ self._p_OCoM))
+        return np.append(w_WO, v_WO + skew(w_WO) @ (belief.R_WO[0] @ self._p_OCoM))
 
     def _store_track(self, context: Context, discrete_state: DiscreteValues) -> None:
         discrete_state.set_value(self._time_index, [context.get_time()])
-        track: PoseTrack = self._track.Eval(context)
+        track, _ = self._track.Eval(context)
         discrete_state.set_value(self._track_index, pack(track))
 
-    def _calc_estimate(self, context: Context) -> tuple[TrackingStatus, PoseBelief]:
-        track: PoseTrack = self._track.Eval(context)
+    def _calc_estimate(self, context: Context) -> _Estimate:
+        track, belief = self._track.Eval(context)
         time, config = context.get_time(), self._config
-        newest, since = track.newest, time - track.newest.time
         status = track.status(time, self._period, config.coast_after, config.lost_after)
         if status == TrackingStatus.WAITING:
-            return status, newest
+            return _Estimate(status, belief)
+        since = time - belief.time
         if self._V_WO_held.HasValue(context):
-            dV = self._twist(context, track) - track.V_held
+            dV = self._twist(context, belief) - track.V_held
             if not np.isnan(dV.sum()):
                 last_tick = self._period * tick_index(time, self._period)
-                newest = boosted(newest, dV, (last_tick + time) / 2)
+                belief = boosted(belief, dV, (last_tick + time) / 2)
         if status == TrackingStatus.LOST:  # The pose stays where it was lost.
-            since = track.confirmed_at + self._period + config.lost_after - newest.time
-        belief = self._predicted(newest, since)
-        numbers = np.concatenate([self._p_WO(belief), belief.V_WCoM[0]])
-        if not np.abs(numbers).max() <= FARTHEST:
-            return TrackingStatus.LOST, self._merged(newest)
-        return status, belief
+            since = track.confirmed_at + self._period + config.lost_after - belief.time
+        R_WO, p_WCoM, V_WO = predicted_mean(belief, self._ahead(since), self._noise.gravity)
+        p_CoMO_W = -R_WO @ self._p_OCoM
+        if not max(np.abs(p_WCoM + p_CoMO_W).max(), np.abs(V_WO).max()) <= FARTHEST:
+            status, R_WO, p_WCoM = TrackingStatus.LOST, belief.R_WO[0], belief.p_WCoM[0]
+            p_CoMO_W = -R_WO @ self._p_OCoM
+        if status == TrackingStatus.LOST:  # The centre of mass is valid, but the origin may not be.
+            p_WO = (p_WCoM + p_CoMO_W).clip(-FARTHEST, FARTHEST)
+            return _Estimate(status, belief, R_WO, p_WO)
+        V_WO[3:] += skew(V_WO[:3]) @ p_CoMO_W
+        return _Estimate(status, belief, R_WO, p_WCoM + p_CoMO_W, V_WO)
 
-    def _p_WO(self, belief: PoseBelief) -> FloatArray:
-        p_WO: FloatArray = belief.p_WCoM[0] - belief.R_WO[0] @ self._p_OCoM
-        return p_WO
-
-    def _predicted(self, belief: PoseBelief, since: float) -> PoseBelief:
-        """Returns the mean and the covariance after a time and the look-ahead."""
-        ahead = min(max(0.0, since), OLDEST) + self._config.lookahead
-        return predict(self._merged(belief), ahead, self._noise.liveliest)
+    def _ahead(self, since: float) -> float:
+        """Returns the length of a prediction after a time, with the look-ahead, in seconds."""
+        return min(max(0.0, since), OLDEST) + self._config.lookahead
 
     def _calc_pose(self, context: Context) -> RigidTransform:
-        status, belief = self._estimate.Eval(context)
-        R_WO, p_WO = RotationMatrix.ProjectToRotationMatrix(belief.R_WO[0]), self._p_WO(belief)
-        if status == TrackingStatus.LOST:  # The centre of mass is valid, but the origin may not be.
-            p_WO = p_WO.clip(-FARTHEST, FARTHEST)
-        return RigidTransform(R_WO, p_WO)
+        _, _, R_WO, p_WO, _ = self._estimate.Eval(context)
+        return RigidTransform(RotationMatrix.ProjectToRotationMatrix(R_WO), p_WO)
 
     def _calc_velocity(self, context: Context) -> SpatialVelocity:
-        status, belief = self._estimate.Eval(context)
-        if status not in FOLLOWED:
-            return SpatialVelocity.Zero()
-        w_WO, v_WCoM = belief.V_WCoM[0].reshape(2, 3)
-        return SpatialVelocity(w=w_WO, v=v_WCoM - skew(w_WO) @ (belief.R_WO[0] @ self._p_OCoM))
+        return SpatialVelocity(self._estimate.Eval(context).V_WO)
 
     def _calc_covariance(self, context: Context) -> FloatArray:
-        status, belief = self._estimate.Eval(context)
+        status, belief, *_ = self._estimate.Eval(context)
         if status == TrackingStatus.WAITING:
             return WAITING_STD**2 * np.eye(3)
-        if status == TrackingStatus.LOST:  # The pose stays, but its uncertainty grows on.
-            newest = self._track.Eval(context).newest
-            belief = self._predicted(newest, context.get_time() - newest.time)
-        return origin_covariance(belief, self._settings.p_OCoM)
+        # The pose of a lost object stays, but its uncertainty grows on.
+        ahead = self._ahead(context.get_time() - belief.time)
+        predicted = predict(belief, ahead, self._noise.liveliest)
+        return origin_covariance(predicted, self._settings.p_OCoM)
 
     def _calc_age(self, context: Context) -> float:
-        newest = self._track.Eval(context).steps[-1, 0]
+        newest = self._track.Eval(context)[0].steps[-1, 0]
         return float(max(0.0, context.get_time() - (newest if newest > -np.inf else 0.0)))

@@ -24,6 +24,7 @@ from drake_pregrasp.estimation.pose_filter import (
     mixed,
     pose_residual,
     predict,
+    predicted_mean,
 )
 from drake_pregrasp.estimation.pose_smoother import filter_poses
 
@@ -124,6 +125,15 @@ def test_errors_are_as_large_as_the_covariance_says(noise, p_OCoM):
     means = np.mean(squares, axis=0)
     assert np.all((BAND[0] < means) & (means < BAND[1]))
     assert not np.any(p_OCoM) or np.mean(unaware, axis=0)[0] > 2 * BAND[1]
+
+
+@pytest.mark.parametrize("dt", [0.0, 0.01, 0.7])
+def test_the_predicted_mean_is_that_of_the_predicted_belief(dt):
+    belief = some_belief()
+    expected = predict(belief, dt, FLIGHT)
+    mean = predicted_mean(belief, dt, FLIGHT.gravity)
+    for name, found in zip(("R_WO", "p_WCoM", "V_WCoM"), mean, strict=True):
+        np.testing.assert_allclose(found, getattr(expected, name)[0], atol=1e-14, err_msg=name)
 
 
 def test_in_free_flight_without_noise_the_parabola_is_followed_exactly():

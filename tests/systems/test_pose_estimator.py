@@ -255,14 +255,16 @@ def test_however_late_it_is_outputs_are_finite_and_ignorance_does_not_shrink(los
     assert tracked.status == expected
 
 
-def test_before_any_measurement_it_waits_and_is_finite():
-    tracked = Tracked()
+@pytest.mark.parametrize("p_OCoM", [np.zeros(3), np.array([0.01, -0.02, 0.03])])
+def test_before_any_measurement_it_waits_and_is_finite(p_OCoM):
+    tracked = Tracked(p_OCoM=p_OCoM)
     for k in range(5):
         tracked.see(k, NAN)
         assert tracked.status == TrackingStatus.WAITING
         np.testing.assert_array_equal(tracked.covariance, np.eye(3))  # In m²; see the docs.
         assert tracked.age == pytest.approx(k * PERIOD)
     assert tracked.eval("X_WO_estimated").IsExactlyIdentity()
+    assert not tracked.eval("V_WO_estimated").get_coeffs().any()
     tracked.follow(1, start=5)
     assert tracked.verdict == Verdict.STARTED
     assert tracked.is_at(X_true(5 * PERIOD), 1e-12)
