@@ -38,8 +38,14 @@ def _hand() -> HandKernels:
         compiled_forward_kinematics,
         compiled_next_velocities,
     )
+    from drake_pregrasp.fast.tip_steps import compiled_straight_step
 
-    return HandKernels(compiled_forward_kinematics, compiled_clearances, compiled_next_velocities)
+    return HandKernels(
+        compiled_forward_kinematics,
+        compiled_clearances,
+        compiled_next_velocities,
+        compiled_straight_step,
+    )
 
 
 COMPILED = Kernels(

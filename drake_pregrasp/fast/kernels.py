@@ -11,6 +11,7 @@ from drake_pregrasp.estimation.pose_filter import filter_step, merged
 from drake_pregrasp.estimation.pose_track import FilterStep
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.clearances import Clearances, clearances
+from drake_pregrasp.grasping.fingertip_paths import straight_step
 from drake_pregrasp.grasping.forward_kinematics import HandPose, KinematicTree, forward_kinematics
 from drake_pregrasp.grasping.joint_velocities import next_velocities
 from drake_pregrasp.quality.force_closure import LargestMinimum, largest_minimum
@@ -27,11 +28,13 @@ class HandKernels:
         forward_kinematics: `forward_kinematics`.
         clearances: `clearances`.
         next_velocities: `next_velocities`.
+        straight_step: `straight_step`.
     """
 
     forward_kinematics: Callable[[KinematicTree, FloatArray], HandPose]
     clearances: Callable[..., Clearances]
     next_velocities: Callable[..., tuple[FloatArray, int]]
+    straight_step: Callable[..., FloatArray | None]
 
 
 @dataclass(frozen=True)
@@ -76,6 +79,6 @@ REFERENCE = Kernels(
     largest_minimum=lambda: largest_minimum,
     filter_step=filter_step,
     merged=merged,
-    hand=lambda: HandKernels(forward_kinematics, clearances, next_velocities),
+    hand=lambda: HandKernels(forward_kinematics, clearances, next_velocities, straight_step),
 )
 """The implementation in numpy."""

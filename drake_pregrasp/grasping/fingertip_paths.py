@@ -10,14 +10,21 @@ from drake_pregrasp.geometry.mesh_surface import INTRUSION
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
 
 _PASSES = 6  # A tip pushed out by one constraint may violate another one.
-# Points of a straight path, as shares of its length: they find its distance from the object to
-# 0.2 mm.
-_SHARES = np.linspace(0.0, 1.0, 17)[:, None]
 _DEPTHS = np.arange(0.0, 0.25, 0.004)  # Places on the way out of a hollow, in metres.
 _ON_SIDE = 0.7  # Least horizontal part of a unit outward direction on a side.
-_ROUNDING = 1e-12  # Tolerance of clearances in metres.
 _SQUEEZED = 2e-3  # Clearance to other solids that a tip may give up to pass, in metres.
-_GRAZE = 1e-4  # Largest violation of the clearance by a free path, in metres.
+
+PATH_PARTS = 16
+"""Number of equal parts of a straight path, whose ends find its distance from the object to 0.2 mm.
+"""
+
+ROUNDING = 1e-12
+"""Tolerance of clearances, in metres."""
+
+GRAZE = 1e-4
+"""Largest violation of the clearance by a free path, in metres."""
+
+_SHARES = np.linspace(0.0, 1.0, PATH_PARTS + 1)[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,20 +32,30 @@ class TipRoom:
     """Free space for the centres of n fingertips, in a frame G whose z axis points to the palm.
 
     Attributes:
-        object: The object in G; fingers move around it about z.
-        p_GO: Position of a point inside the object, in G, shape (3,), in metres.
+        object: The object in G; fingers move around it about z of G.
         object_clearances: Least distance of each tip's centre from the object, shape (n,), in
             metres.
         others: Other solids to avoid in G, such as table and obstacles, each with the least
-            distance of the tips' centres from it in metres, a scalar or of shape (n,).
-        spacing: Least distance between tips' centres in metres, a scalar or of shape (n, n).
+            distance of the tips' centres from it, shape (n,), in metres.
+        spacing: Least distance between tips' centres, shape (n, n), in metres.
     """
 
     object: SignedDistance
-    p_GO: FloatArray
     object_clearances: FloatArray
-    others: tuple[tuple[Solid, float | FloatArray], ...] = ()
-    spacing: float | FloatArray = 0.0
+    others: tuple[tuple[Solid, FloatArray], ...]
+    spacing: FloatArray
+
+    def with_room_at(self, goal: FloatArray) -> "TipRoom":
+        """Returns the room with tips that may come as near to the object as their goals are.
+
+        Between parts of the object, a tip has no more room than contacts need (`TipSize`).
+
+        Args:
+            goal: Goals of the tips' centres in G, shape (n, 3), in metres.
+        """
+        least = self.object_clearances
+        nearest = np.maximum(self.object.distance(goal), least - INTRUSION)
+        return replace(self, object_clearances=np.minimum(nearest, least))
 
     def permitted(self, p_GT: FloatArray) -> FloatArray:
         """Returns approximately the nearest permitted positions in G, shape (n, 3), in metres.
@@ -98,7 +115,7 @@ class Pace:
             v: Present velocities, shape (n, 3), in m/s.
         """
         step = self.period * v
-        return bool(np.vdot(way, way) + np.vdot(step, step) <= _ROUNDING**2)
+        return bool(np.vdot(way, way) + np.vdot(step, step) <= ROUNDING**2)
 
     def limited(self, v: FloatArray, v_last: FloatArray) -> FloatArray:
         """Returns the next velocities with limited acceleration, shape (n, 3), in m/s.
@@ -110,6 +127,28 @@ class Pace:
         jump = v - v_last
         excess = norms(jump)[:, None] / (self.acceleration * self.period)
         return np.asarray(v_last + jump / np.maximum(1.0, excess))
+
+
+def straight_step(
+    p_GT: FloatArray, v_GT: FloatArray, goal: FloatArray, pace: Pace, room: TipRoom
+) -> FloatArray | None:
+    """Returns the next positions of tips that move straight to their goals, shape (n, 3), or None.
+
+    It is None if a goal or a next position is not permitted, or a path is not free. It is what
+    `shape_goals` returns otherwise, in `TipRoom.with_room_at` of the goals.
+
+    Args:
+        p_GT: Centres of the tips in G, shape (n, 3), in metres.
+        v_GT: Velocities of the tips in G, shape (n, 3), in m/s.
+        goal: Goals of the centres in G, shape (n, 3), in metres.
+        pace: Limits of the motion.
+        room: Free space of the tips.
+    """
+    room = room.with_room_at(goal)
+    if room.permitted(goal) is not goal or not _is_free(p_GT, goal, room).all():
+        return None
+    moved = p_GT + pace.period * pace.toward((goal - p_GT) / pace.period, v_GT)
+    return moved if room.permitted(moved) is moved else None
 
 
 def shape_goals(
@@ -158,7 +197,7 @@ def _way_out(p_GT: FloatArray, room: TipRoom) -> FloatArray:
         p_GT: Centres of the tips in G, shape (n, 3), in metres.
         room: Free space of the tips.
     """
-    hull, least, away = room.object.hull(), room.object_clearances - _GRAZE, np.zeros(p_GT.shape)
+    hull, least, away = room.object.hull(), room.object_clearances - GRAZE, np.zeros(p_GT.shape)
     if np.all(hull.distance(p_GT) >= least):
         return away
     shortest = np.full(len(p_GT), np.inf)
@@ -182,7 +221,7 @@ def _is_free(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> BoolArray:
     distances = room.object.distance(points.reshape(-1, 3)).reshape(points.shape[:2])
     # A tip that is too near, such as one that gives up its strain, leaves on a straight path.
     least = np.minimum(room.object_clearances, distances[0])
-    return np.asarray(np.minimum.reduce(distances) >= least - _GRAZE)
+    return np.asarray(np.minimum.reduce(distances) >= least - GRAZE)
 
 
 def _way_round(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> FloatArray:
@@ -194,7 +233,7 @@ def _way_round(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> FloatArray:
     _, outward = room.object.distance_and_gradient(p_GT)
     straight = goal - p_GT
     sliding = straight - np.sum(straight * outward, axis=1, keepdims=True) * outward
-    here, there = (p_GT - room.p_GO)[:, :2], (goal - room.p_GO)[:, :2]
+    here, there = p_GT[:, :2], goal[:, :2]
     turn = here[:, 0] * there[:, 1] - here[:, 1] * there[:, 0]
     angle = np.arctan2(turn, np.sum(here * there, axis=1))
     tangent = np.stack([-outward[:, 1], outward[:, 0]], axis=1)
@@ -217,11 +256,11 @@ def _is_blocked(
         height: Heights that the tips gain on their ways, shape (n,), in metres.
         room: Free space of the tips.
     """
-    x, y, z = (p_GT - room.p_GO).T
+    x, y, z = p_GT.T
     azimuths = np.arctan2(y, x) + _SHARES * angle
     radii = np.hypot(x, y) + room.object_clearances  # Beside the object, not inside.
     round_it = [radii * np.cos(azimuths), radii * np.sin(azimuths), z + _SHARES * height]
-    points = room.p_GO + np.stack(round_it, axis=2).reshape(-1, 3)
+    points = np.stack(round_it, axis=2).reshape(-1, 3)
     distances, outward = room.object.distance_and_gradient(points)
     points -= (distances - np.tile(room.object_clearances, len(_SHARES)))[:, None] * outward
     blocked = np.zeros(len(p_GT), dtype=bool)
@@ -231,24 +270,22 @@ def _is_blocked(
     return blocked
 
 
-def _pushed_out(
-    p_GT: FloatArray, solid: SignedDistance, clearance: float | FloatArray
-) -> FloatArray:
+def _pushed_out(p_GT: FloatArray, solid: SignedDistance, clearance: FloatArray) -> FloatArray:
     """Moves tips out to a solid's clearance; returns the same array if none moves."""
     lacking = clearance - solid.distance(p_GT)
-    if np.maximum.reduce(lacking) <= _ROUNDING:
+    if np.maximum.reduce(lacking) <= ROUNDING:
         return p_GT
     _, gradient = solid.distance_and_gradient(p_GT)
     return p_GT + np.maximum(lacking, 0)[:, None] * gradient
 
 
-def _spread(p_GT: FloatArray, spacing: float | FloatArray) -> FloatArray:
+def _spread(p_GT: FloatArray, spacing: FloatArray) -> FloatArray:
     """Moves both tips of a pair apart equally; returns the same array if none moves."""
     away = p_GT[:, None] - p_GT
     distance = norms(away)
     lacking = spacing - distance
     lacking.flat[:: len(p_GT) + 1] = 0  # A tip and itself.
-    if np.maximum.reduce(lacking, axis=None) <= _ROUNDING:
+    if np.maximum.reduce(lacking, axis=None) <= ROUNDING:
         return p_GT
     lacking = np.maximum(lacking, 0)
     unit = np.where(distance[..., None] > 0, away, np.triu(np.ones_like(distance))[..., None] - 0.5)
@@ -307,7 +344,6 @@ class TipPlaces:
         self,
         object_solid: SignedDistance,
         gaps: FloatArray,
-        goals: FloatArray,
         *,
         fixed: Sequence[Solid],
         obstacles: Sequence[Solid],
@@ -318,7 +354,6 @@ class TipPlaces:
         Args:
             object_solid: The object in G.
             gaps: Commanded gap of each tip to the object, shape (n,), in metres; negative to press.
-            goals: Goals of the tips' centres in G, shape (n, 3), in metres.
             fixed: Solids in G that all tips avoid, such as the table.
             obstacles: Solids in G that tips avoid unless they hold the object.
             holding: Whether each tip holds the object, shape (n,).
@@ -326,13 +361,9 @@ class TipPlaces:
         clearances = self.tip_radii + OTHER_CLEARANCE
         # A holding finger that an obstacle pushes along the object would lose the grasp.
         unless_holding = np.where(holding, -np.inf, clearances) if obstacles else clearances
-        least = self.tip_radii + np.minimum(gaps, MOVING_CLEARANCE)
-        # Between parts of the object, a tip has no more room than contacts need (`TipSize`).
-        nearest = np.maximum(object_solid.distance(goals), least - INTRUSION)
         return TipRoom(
             object=object_solid,
-            p_GO=np.zeros(3),
-            object_clearances=np.minimum(nearest, least),
+            object_clearances=self.tip_radii + np.minimum(gaps, MOVING_CLEARANCE),
             others=(
                 *((solid, clearances) for solid in fixed),
                 *((solid, unless_holding) for solid in obstacles),

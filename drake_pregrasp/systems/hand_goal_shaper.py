@@ -1,6 +1,6 @@
 """Goals of fingertips and palm that a hand can follow without collisions, from contact goals."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -15,7 +15,13 @@ from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.rotations import rotation_matrix, skew
 from drake_pregrasp.geometry.solids import PlacedSolid, SignedDistance, Solid
-from drake_pregrasp.grasping.fingertip_paths import MOVING_CLEARANCE, Pace, TipPlaces, shape_goals
+from drake_pregrasp.grasping.fingertip_paths import (
+    MOVING_CLEARANCE,
+    Pace,
+    TipPlaces,
+    shape_goals,
+    straight_step,
+)
 from drake_pregrasp.grasping.hand_commands import GraspCommand, HandGoals
 from drake_pregrasp.regions.obstacles import ANYWHERE
 from drake_pregrasp.systems import ports
@@ -103,6 +109,7 @@ class HandGoalShaper(LeafSystem):
         X_LA: Approach of the palm; see `HandModel`. Fingers go around z of A, and withdraw along
             it.
         p_OCoM: Centre of mass of the object in O, shape (3,), in metres; by default the origin.
+        straight: Implementation of `straight_step`.
 
     Raises:
         InvalidArgumentError: If an argument or a field of `config` is out of its range.
@@ -125,6 +132,7 @@ class HandGoalShaper(LeafSystem):
         withdrawn_radii: FloatArray | None = None,
         X_LA: RigidTransform = FROM_ABOVE,
         p_OCoM: FloatArray | None = None,
+        straight: Callable[..., FloatArray | None] = straight_step,
     ) -> None:
         super().__init__()
         config = checked(config or GraspConfig())
@@ -154,6 +162,7 @@ class HandGoalShaper(LeafSystem):
         self._p_OCoM: FloatArray = np.zeros(3) if p_OCoM is None else np.array(p_OCoM)
         acceleration = GOAL_SHARE * config.tip_acceleration
         self._pace = Pace(config.goal_speed, acceleration, config.period)
+        self._straight_step = straight
 
         self._tips = self.DeclareDiscreteState(np.array(p_GT, dtype=float).ravel())
         self._rates = self.DeclareDiscreteState(3 * n)
@@ -226,26 +235,31 @@ class HandGoalShaper(LeafSystem):
         room = self._places.room(
             object_solid,
             gaps,
-            goal,
             fixed=[solid.moved(R_AW, p_AW) for solid in self._fixed],
             obstacles=obstacles,
             holding=held & active & command.fingers_hold,
         )
+        v_AT = v_GT @ R_AG.T
         has_arrived = self._pace.has_arrived(goal - p_AT, v_GT)
-        permitted = goal if held and not has_arrived else room.permitted(goal)
-        if not held:
-            contacts = stored
-            if permitted is not goal:
+        shaped = self._straight_step(p_AT, v_AT, goal, self._pace, room)
+        stays, contacts = has_arrived, stored
+        if shaped is None:
+            room = room.with_room_at(goal)
+            permitted = goal if held and not has_arrived else room.permitted(goal)
+            stays = has_arrived and permitted is goal
+            if not held and permitted is not goal:
                 shift = np.where(active[:, None], permitted - goal, 0) @ R_AG
                 along = shift - np.sum(shift * nhat, axis=1, keepdims=True) * nhat
                 contacts = np.concatenate([p_OC + along, nhat, active], axis=None)
                 goal = goal + along @ R_AG.T
+            shaped = shape_goals(p_AT, v_AT, goal, self._pace, room)
+        if not held:
             discrete_state.set_value(self._contacts, contacts)
-        if has_arrived and permitted is goal:
+        if stays:
             return
-        shaped = (shape_goals(p_AT, v_GT @ R_AG.T, goal, self._pace, room) - p_AG) @ R_AG
-        rates = self._pace.limited((shaped - p_GT) / self._pace.period, v_GT)
-        discrete_state.set_value(self._tips, shaped.ravel())
+        p_GT_next = (shaped - p_AG) @ R_AG
+        rates = self._pace.limited((p_GT_next - p_GT) / self._pace.period, v_GT)
+        discrete_state.set_value(self._tips, p_GT_next.ravel())
         discrete_state.set_value(self._rates, rates.ravel())
 
     def _calc_goals(self, context: Context) -> HandGoals:

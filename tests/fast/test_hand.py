@@ -3,14 +3,18 @@
 import numpy as np
 import pytest
 
+from drake_pregrasp import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.fast import numba_is_installed
+from drake_pregrasp.geometry.solids import PlacedSolid
 from drake_pregrasp.grasping.clearances import Clearances, Links, NearPairs, clearances
+from drake_pregrasp.grasping.fingertip_paths import Pace, TipRoom, straight_step
 from drake_pregrasp.grasping.grasp_state import BASE, NOT_BLOCKED
 from drake_pregrasp.grasping.joint_velocities import JointLimits, next_velocities
 
 if not numba_is_installed():
     pytest.skip("needs the extra fast", allow_module_level=True)
 from drake_pregrasp.fast.hand import compiled_clearances, compiled_next_velocities
+from drake_pregrasp.fast.tip_steps import compiled_straight_step
 
 N, M, NQ = 3, 8, 11  # Fingers, links, joints.
 
@@ -55,3 +59,34 @@ def test_velocities_are_those_of_the_reference(seed):
     np.testing.assert_allclose(found, expected, atol=1e-9)
     assert also == blocked
     assert seed % 12 or blocked == NOT_BLOCKED
+
+
+def test_straight_steps_are_those_of_the_reference():
+    """Over a box or beside it, to goals near and far; sometimes with a number that is unknown."""
+    rng, can_move = np.random.default_rng(1), []
+    box, ball = (
+        BoxSolid(np.zeros(3), np.eye(3), np.array([0.1, 0.08, 0.1])),
+        BallSolid(np.ones(3), 1),
+    )
+    table = HalfSpace(np.array([0.0, 0, -0.05]), np.array([0.0, 0, 1]))
+    placed, *around = (PlacedSolid(solid.rounded_box()) for solid in (box, table, ball))
+    clearances = tuple((solid, np.full(N, 0.01)) for solid in around)
+    room, pace = (
+        TipRoom(placed, np.full(N, 0.02), clearances, np.full((N, N), 0.01)),
+        Pace(0.3, 2.5, 0.01),
+    )
+    for case in range(300):
+        p = rng.uniform([-0.1, -0.1, -0.03], [0.1, 0.1, 0.12], (N, 3))
+        p[:, 2] += 0.1 * (case % 3 > 0)
+        goal = p + rng.normal(size=(N, 3)) * (0.0, 0.003, 0.03)[case % 3]
+        v = 0.05 * rng.normal(size=(N, 3))
+        if case % 10 == 9:
+            (p, v, goal)[case % 3][1, 2] = np.nan
+        expected, found = (
+            step(p, v, goal, pace, room) for step in (straight_step, compiled_straight_step)
+        )
+        assert (expected is None) == (found is None)
+        can_move.append(found is not None)
+        if found is not None:
+            np.testing.assert_allclose(found, expected, atol=1e-14)
+    assert 50 < sum(can_move) < 250

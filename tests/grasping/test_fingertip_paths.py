@@ -26,12 +26,19 @@ PACE = Pace(speed=0.3, acceleration=2.5, period=0.02)
 STEP = PACE.speed * PACE.period
 ROOM = TipRoom(
     object=BOX,
-    p_GO=np.zeros(3),
     object_clearances=np.full(5, CLEARANCE),
-    others=((TABLE, 0.013),),
-    spacing=0.022,
+    others=((TABLE, np.full(5, 0.013)),),
+    spacing=np.full((5, 5), 0.022),
 )
-ALONE = TipRoom(object=BOX, p_GO=np.zeros(3), object_clearances=np.full(1, CLEARANCE))
+
+
+def room_alone(solid=BOX, others=(), clearance=CLEARANCE):
+    """Room of a single tip."""
+    around = tuple((other, np.full(1, 0.013)) for other in others)
+    return TipRoom(solid, np.full(1, clearance), around, np.zeros((1, 1)))
+
+
+ALONE = room_alone()
 
 
 def walk(p, goal, rooms):
@@ -53,7 +60,7 @@ def test_permitted_places_are_out_of_the_object_and_stay(p):
     moved = ROOM.permitted(np.array(p))
     assert np.min(BOX.distance(moved)) >= CLEARANCE - 1e-9
     gaps = np.linalg.norm(moved[:, None] - moved, axis=2) + np.eye(5)
-    if np.min(TABLE.distance(moved)) >= 0.013 and np.min(gaps) >= ROOM.spacing:
+    if np.min(TABLE.distance(moved)) >= 0.013 and np.min(gaps) >= 0.022:
         np.testing.assert_array_equal(ROOM.permitted(moved), moved)
 
 
@@ -62,7 +69,7 @@ def test_tips_that_are_too_near_come_apart_evenly_and_off_the_table():
     p = np.array([*near, low, [-0.067, 0, 0], [0, 0.06, 0.02]])
     moved = ROOM.permitted(p)
     gaps = np.linalg.norm(moved[:, None] - moved, axis=2)[np.triu_indices(5, 1)]
-    assert np.min(gaps) >= ROOM.spacing - 1e-6
+    assert np.min(gaps) >= 0.022 - 1e-6
     assert moved[:2, 1].mean() == pytest.approx(0.002)
     assert np.min(TABLE.distance(moved)) >= 0.013 - 1e-6
 
@@ -100,7 +107,7 @@ def test_a_tip_goes_round_on_the_shorter_side():
 @pytest.mark.parametrize(("gap", "goes_over"), [(0.01, True), (0.04, False)])
 def test_a_tip_goes_over_the_object_where_a_wall_leaves_no_room_beside_it(gap, goes_over):
     wall = BoxSolid(np.array([0.0, 0.05 + gap, 0.0]), np.eye(3), np.array([0.3, 0.02, 0.1]))
-    room = TipRoom(BOX, np.zeros(3), np.full(1, CLEARANCE), ((wall, 0.013),))
+    room = room_alone(others=[wall])
     p, goal = np.array([[0.07, 0.01, 0.0]]), np.array([[-0.07, 0.01, 0.0]])
     path = np.concatenate(list(walk(p, goal, 200 * [room])))
     np.testing.assert_allclose(path[-1], goal[0], atol=1e-6)
@@ -113,7 +120,7 @@ def test_an_obstacle_that_comes_pushes_tips_away():
     v = np.zeros_like(p)
     for x in np.linspace(0.2, 0.12, 30):
         ball = BallSolid(np.array([x, 0.005, 0.0]), 0.03)
-        room = TipRoom(BOX, np.zeros(3), np.full(1, CLEARANCE), ((ball, 0.013),))
+        room = room_alone(others=[ball])
         p = shape_goals(p, v, room.permitted(np.array([[0.07, 0.0, 0.0]])), PACE, room)
         assert ball.distance(p)[0] >= 0.013 - 1e-4
         assert BOX.distance(p)[0] >= CLEARANCE - 1e-9
@@ -124,7 +131,7 @@ AZIMUTHS = np.array([0.0, 2.0, 4.0])
 
 @pytest.fixture(scope="module")
 def in_cup():
-    return TipRoom(object=CUP.solid, p_GO=np.zeros(3), object_clearances=np.full(1, 0.011))
+    return room_alone(CUP.solid, clearance=0.011)
 
 
 @pytest.mark.parametrize(
@@ -158,7 +165,7 @@ three_tips = st.lists(point, min_size=3, max_size=3).map(np.array)
 
 def room_of(gaps, goals=WAYS, fixed=(), obstacles=(), holding=(False,) * 3):
     around = {"fixed": fixed, "obstacles": obstacles, "holding": np.array(holding)}
-    return PLACES.room(BALL, gaps, goals, **around)
+    return PLACES.room(BALL, gaps, **around).with_room_at(goals)
 
 
 @given(st.floats(-3, 3))
