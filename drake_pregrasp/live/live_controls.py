@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -139,6 +140,7 @@ class LiveControls:
     def __init__(self, run: LiveRun, meshcat: Meshcat, *, out: Path) -> None:
         self._run, self._meshcat, self._out = run, meshcat, out
         self.is_paused, self.is_stopped, self.refused = False, False, 0
+        self._lock = threading.Lock()  # Each page has a thread, which counts what is refused.
         scenario = run.scenario
         self._sliders = {slider.name: slider for slider in make_sliders(scenario)}
         self._buttons: dict[str, Callable[[], object]] = {
@@ -177,7 +179,7 @@ class LiveControls:
         """
         for name, action in reversed(self._buttons.items()):
             if (clicks := self._meshcat.GetButtonClicks(name)) > self._clicks[name]:
-                self.refused += clicks - self._clicks[name] - 1
+                self.refuse(clicks - self._clicks[name] - 1)
                 self._clicks[name] = clicks
                 action()
                 return
@@ -186,6 +188,11 @@ class LiveControls:
                 self._values[name] = value
                 slider.apply(self._run, value)
                 return
+
+    def refuse(self, count: int) -> None:
+        """Adds messages to those that are refused; any thread may call it."""
+        with self._lock:
+            self.refused += count
 
     def timeline(self) -> dict[str, Any]:
         """Returns what the page shows now."""

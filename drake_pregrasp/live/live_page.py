@@ -70,80 +70,104 @@ def served_page(meshcat: Meshcat, controls: LiveControls) -> Iterator[str]:
     Raises:
         OutputError: If no port can be opened.
     """
-    viewer, prefix = meshcat.web_url(), f"/{secrets.token_urlsafe()}/"
-    there = urllib.parse.urlsplit(viewer)
+    viewer = meshcat.web_url()
     with _open(viewer) as answer:
         page = answer.read().decode().replace("<head>", _SEND, 1)
     page = page.replace("</body>", OVERLAY.read_text(encoding="utf-8") + _START)
-
-    class Handler(BaseHTTPRequestHandler):
-        timeout = _SILENCE
-
-        def do_GET(self) -> None:
-            # The page may be closed while it is sent, and others may ask for what is no address.
-            with contextlib.suppress(OSError, ValueError, HTTPException):
-                is_socket, part = "Upgrade" in self.headers, self.path.removeprefix(prefix)
-                if not (self.path.startswith(prefix) and self.comes_from_here()):
-                    controls.refused += is_socket
-                    self.send_error(403)
-                elif is_socket:
-                    self.relay()
-                elif not part:
-                    self.answer("text/html", page.encode())
-                elif part == "timeline":
-                    self.answer("application/json", json.dumps(controls.timeline()).encode())
-                else:
-                    with _open(f"{viewer}/{part}") as file:
-                        self.answer(file.headers.get_content_type(), file.read())
-
-        def comes_from_here(self) -> bool:
-            host = self.headers.get("Host", "")
-            origin = self.headers.get("Origin", f"http://{host}")
-            return host.partition(":")[0] in _HOSTS and origin == f"http://{host}"
-
-        def answer(self, kind: str, content: bytes) -> None:
-            self.send_response(200)
-            self.send_header("Content-Type", f"{kind}; charset=utf-8")
-            self.end_headers()
-            self.wfile.write(content)
-
-        def relay(self) -> None:
-            """Connects the page with Meshcat until one of them ends."""
-            key = self.headers.get("Sec-WebSocket-Key", "")
-            if not re.fullmatch("[A-Za-z0-9+/]{22}==", key):
-                raise ValueError
-            with socket.create_connection((there.hostname, there.port), _SILENCE) as drake:
-                drake.sendall(_HANDSHAKE.format(there.netloc, key).encode())
-                copy = threading.Thread(target=self.copy_from, args=[drake], daemon=True)
-                copy.start()
-                for kind, content in _messages(self.rfile):
-                    if (checked := _checked(kind, content)) is None:
-                        controls.refused += 1
-                    else:
-                        drake.sendall(checked)
-                    time.sleep(_PAUSE)
-                drake.shutdown(socket.SHUT_RDWR)
-                copy.join()
-
-        def copy_from(self, drake: socket.socket) -> None:
-            with contextlib.suppress(OSError):
-                while part := drake.recv(1 << 16):
-                    self.connection.sendall(part)
-                self.connection.shutdown(socket.SHUT_RDWR)
-
-        def log_message(self, *_: object) -> None:
-            """Prints nothing."""
-
     try:
-        server = ThreadingHTTPServer((_HOSTS[0], 0), Handler)
+        server = _Server(viewer, page, controls)
     except OSError as error:
         raise OutputError(f"the live page cannot be served: {error.strerror}") from error
     threading.Thread(target=server.serve_forever, daemon=True).start()
     try:
-        yield f"http://{_HOSTS[0]}:{server.server_port}{prefix}"
+        yield f"http://{_HOSTS[0]}:{server.server_port}{server.prefix}"
     finally:
         server.shutdown()
         server.server_close()
+
+
+class _Server(ThreadingHTTPServer):
+    """Server of the page of a live run, on a free port of this machine.
+
+    Args:
+        viewer: Address of Meshcat.
+        page: The page.
+        controls: Controls of the run, which count what is refused.
+
+    Attributes:
+        prefix: Start of the path of all that it serves.
+    """
+
+    def __init__(self, viewer: str, page: str, controls: LiveControls) -> None:
+        super().__init__((_HOSTS[0], 0), _Handler)
+        self.viewer, self.page, self.controls = viewer, page, controls
+        self.prefix = f"/{secrets.token_urlsafe()}/"
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Answers one request for the page, or relays the messages of one page."""
+
+    server: _Server
+    timeout = _SILENCE
+
+    def do_GET(self) -> None:
+        """Answers a request."""
+        server = self.server
+        # The page may be closed while it is sent, and others may ask for what is no address.
+        with contextlib.suppress(OSError, ValueError, HTTPException):
+            is_socket, part = "Upgrade" in self.headers, self.path.removeprefix(server.prefix)
+            if not (self.path.startswith(server.prefix) and self._comes_from_here()):
+                server.controls.refuse(int(is_socket))
+                self.send_error(403)
+            elif is_socket:
+                self._relay()
+            elif not part:
+                self._answer("text/html", server.page.encode())
+            elif part == "timeline":
+                timeline = json.dumps(server.controls.timeline())
+                self._answer("application/json", timeline.encode())
+            else:
+                with _open(f"{server.viewer}/{part}") as file:
+                    self._answer(file.headers.get_content_type(), file.read())
+
+    def log_message(self, *_: object) -> None:
+        """Prints nothing."""
+
+    def _comes_from_here(self) -> bool:
+        host = self.headers.get("Host", "")
+        origin = self.headers.get("Origin", f"http://{host}")
+        return host.partition(":")[0] in _HOSTS and origin == f"http://{host}"
+
+    def _answer(self, kind: str, content: bytes) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", f"{kind}; charset=utf-8")
+        self.end_headers()
+        self.wfile.write(content)
+
+    def _relay(self) -> None:
+        """Connects the page with Meshcat until one of them ends."""
+        key = self.headers.get("Sec-WebSocket-Key", "")
+        if not re.fullmatch("[A-Za-z0-9+/]{22}==", key):
+            raise ValueError
+        there = urllib.parse.urlsplit(self.server.viewer)
+        with socket.create_connection((there.hostname, there.port), _SILENCE) as drake:
+            drake.sendall(_HANDSHAKE.format(there.netloc, key).encode())
+            copy = threading.Thread(target=self._copy_from, args=[drake], daemon=True)
+            copy.start()
+            for kind, content in _messages(self.rfile):
+                if (checked := _checked(kind, content)) is None:
+                    self.server.controls.refuse(1)
+                else:
+                    drake.sendall(checked)
+                time.sleep(_PAUSE)
+            drake.shutdown(socket.SHUT_RDWR)
+            copy.join()
+
+    def _copy_from(self, drake: socket.socket) -> None:
+        with contextlib.suppress(OSError):
+            while part := drake.recv(1 << 16):
+                self.connection.sendall(part)
+            self.connection.shutdown(socket.SHUT_RDWR)
 
 
 _HANDSHAKE = (

@@ -110,13 +110,16 @@ class LiveRun:
         """Measures real time from now on, after a pause."""
         self._simulator.ResetStatistics()
 
-    def change(self, edit: Callable[[Scenario], object]) -> None:
+    def change(self, edit: Callable[[Scenario], object]) -> bool:
         """Changes the scenario, and continues from the present state.
 
         The timeline tells why a change is refused, such as a planning rate below the sensor's.
 
         Args:
             edit: Function that changes the scenario that it gets.
+
+        Returns:
+            Whether the change was made; if it was refused, everything is as before.
         """
         before, resolved = self.scenario, self._resolved
         diagram, simulator = self._diagram, self._simulator
@@ -130,6 +133,8 @@ class LiveRun:
             self.scenario, self._resolved = before, resolved
             self._diagram, self._simulator = diagram, simulator
             self.timeline.tell(f"refused: {error}")
+            return False
+        return True
 
     def set_velocity(self, *, linear: float | None = None, angular: float | None = None) -> None:
         """Changes the velocities of the conveyor, in m/s and rad/s; None keeps one."""
@@ -138,11 +143,12 @@ class LiveRun:
         rows = motion.velocities()
         last = self._velocity or rows[-1][1:]
         given = (linear, angular)
-        self._velocity = [old if new is None else new for old, new in zip(last, given, strict=True)]
+        wanted = [old if new is None else new for old, new in zip(last, given, strict=True)]
         present = VelocityProfile(rows).at(now)[1].tolist()
         past = [row for row in rows if row[0] < now]
-        profile = [*past, [now, *present], [now + _RAMP, *self._velocity]]
-        self.change(lambda scenario: setattr(scenario.motion, "profile", profile))
+        profile = [*past, [now, *present], [now + _RAMP, *wanted]]
+        if self.change(lambda scenario: setattr(scenario.motion, "profile", profile)):
+            self._velocity = wanted
 
     def next_strategy(self) -> None:
         """Changes to the next strategy, in the order of `STRATEGIES`."""
@@ -165,11 +171,11 @@ class LiveRun:
 
     def switch_sight(self) -> None:
         """Hides the object from the sensor, or shows it again."""
-        self.is_hidden = not self.is_hidden
         faults = self._first.sensor.faults
-        if self.is_hidden:
+        if not self.is_hidden:
             faults = replace(faults, nan_probability=1.0, start=self.time, end=FOREVER)
-        self.change(lambda scenario: setattr(scenario.sensor, "faults", faults))
+        if self.change(lambda scenario: setattr(scenario.sensor, "faults", faults)):
+            self.is_hidden = not self.is_hidden
 
     def close(self) -> None:
         """Lets the hand close now."""

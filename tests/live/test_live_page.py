@@ -38,6 +38,9 @@ class Controls:
 
     refused = 0
 
+    def refuse(self, count):
+        self.refused += count
+
     def timeline(self):
         return {"title": "mine"}
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from drake_pregrasp import load_scenario, make_diagram
+from drake_pregrasp import InvalidArgumentError, load_scenario, make_diagram
 from drake_pregrasp.config.validation import scalar_problem
 from drake_pregrasp.live.live_controls import LiveControls, make_sliders
 from drake_pregrasp.live.live_run import LiveRun
@@ -54,7 +54,7 @@ def test_a_new_start_has_the_changed_settings_another_seed_and_all_fingers():
     run.switch_sight()
     run.reset()
     assert not run.is_hidden
-    assert scenario.sensor.faults.nan_probability == 0
+    assert run.scenario.sensor.faults.nan_probability == 0
 
 
 @pytest.mark.slow
@@ -114,6 +114,28 @@ def test_a_run_goes_on_after_a_refused_change():
     assert run.scenario.planner.period == period
     run.advance()
     assert run.time == period
+
+
+def test_refused_changes_of_velocity_and_sight_leave_nothing_for_a_new_start(monkeypatch):
+    run = LiveRun(load_resolved("a_base"), name="a_base", meshcat=start_meshcat(live=True))
+    run.set_velocity(linear=0.03)
+    run.set_velocity(linear=1e9)
+    refused = run.timeline.now()["events"][-1][1]
+    assert refused.startswith("refused: ")
+    assert "profile" in refused
+    with monkeypatch.context() as context:
+        context.setattr(run, "_simulate", _refuse)
+        run.switch_sight()
+    assert not run.is_hidden
+    run.switch_sight()
+    assert run.is_hidden
+    assert run.scenario.sensor.faults.nan_probability == 1
+    run.reset()
+    assert run.scenario.motion.velocities()[-1][1] == 0.03
+
+
+def _refuse():
+    raise InvalidArgumentError("refused")
 
 
 @pytest.mark.slow
