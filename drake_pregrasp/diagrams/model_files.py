@@ -103,6 +103,7 @@ class CheckedModel:
     files: tuple[Path, ...]
 
 
+_EXTRAS = {"gymnasium_robotics": "shadow"}  # Extras that install the data of packages.
 _ROOT = Path("/")
 _copies: dict[Path, tuple[list[tuple[int, int]], CheckedModel]] = {}
 
@@ -308,6 +309,8 @@ class _Copier:
             folder = self._packages.get(package) or python_package(package)
             if folder is None:
                 hint = "install it, or add its folder to ROS_PACKAGE_PATH"
+                if package in _EXTRAS:
+                    hint = f"install the extra: pip install '.[{_EXTRAS[package]}]'"
                 raise self._error(f"names {name}: no such package is here; {hint}")
             return folder / rest
         path = name.removeprefix("file://")

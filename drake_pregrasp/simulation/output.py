@@ -107,6 +107,9 @@ def make_folder(folder: Path) -> None:
     Raises:
         OutputError: If the folder cannot be made.
     """
+    for part in (*reversed(folder.parents), folder):
+        if part.exists() and not part.is_dir():
+            raise OutputError(f"{part}: is a file, not a folder; choose another folder (--out)")
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
 
