@@ -185,20 +185,10 @@ class CentroidSelector(LeafSystem):
             self.all_input_ports_ticket(),
         )
         pose, stored = self._pose.source, self.discrete_state_ticket(self._p_OC_index)
-        moved = self._pose.moved
-        ports.declare_output(
-            self, "p_WC", 3 * n, lambda c: moved(c, goals.Eval(c).p_OC), goals, pose
-        )
+        ports.declare_output(self, "p_WC", 3 * n, self._calc_p_WC, goals, pose)
         ports.declare_output(self, "contact_status", n, lambda c: goals.Eval(c).status, goals)
-        ports.declare_output(
-            self,
-            "fingertip_targets",
-            ports.BUS,
-            self._calc_fingertip_targets,
-            goals,
-            pose,
-            tracking_status,
-        )
+        targets = self._calc_fingertip_targets
+        ports.declare_output(self, "fingertip_targets", ports.BUS, targets, goals, pose)
         ports.declare_output(self, "p_WC_previous", 3 * n, self._calc_p_WC_previous, stored, pose)
         ports.declare_output(self, "contact_causes", n, lambda c: goals.Eval(c).causes, goals)
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._store_goals)
@@ -210,7 +200,7 @@ class CentroidSelector(LeafSystem):
         is_due = tick_index(time, config.period) != tick_index(stored_time, config.period)
         # NaN is not <= 0 either, so it holds the contacts.
         is_held = self._hold.HasValue(context) and not self._hold.Eval(context)[0] <= 0
-        if not is_due or is_held or not self._pose.is_tracked(context):
+        if not is_due or is_held or not self._pose.eval(context).is_tracked:
             status = context.get_discrete_state(self._status_index).value()
             causes = context.get_discrete_state(self._causes_index).value()
             return ContactGoals(p_OC, status, causes)
@@ -263,16 +253,21 @@ class CentroidSelector(LeafSystem):
             discrete_state.set_value(self._reassigned_index, [context.get_time()])
         self._pose.store(context, discrete_state)
 
+    def _calc_p_WC(self, context: Context) -> FloatArray:
+        _, R_WO, p_WO, _ = self._pose.eval(context)
+        return np.asarray(self._goals.Eval(context).p_OC @ R_WO.T + p_WO)
+
     def _calc_p_WC_previous(self, context: Context) -> FloatArray:
-        p_OC = context.get_discrete_state(self._p_OC_index).value()
-        return self._pose.moved(context, p_OC.reshape(-1, 3))
+        p_OC = context.get_discrete_state(self._p_OC_index).value().reshape(-1, 3)
+        _, R_WO, p_WO, _ = self._pose.eval(context)
+        return np.asarray(p_OC @ R_WO.T + p_WO)
 
     def _calc_fingertip_targets(self, context: Context) -> BusValue:
         goals: ContactGoals = self._goals.Eval(context)
-        X_WO = self._pose.eval(context)
+        X_WO, _, _, is_tracked = self._pose.eval(context)
         _, normals = self._surface.project(goals.p_OC)
         p_OF = goals.p_OC
-        if not self._pose.is_tracked(context):
+        if not is_tracked:
             p_OF = p_OF + self._config.lost_standoff * normals
         have_goals = goals.status != float(ContactStatus.LOST)
         frames = _frames_with_z_along(-normals)

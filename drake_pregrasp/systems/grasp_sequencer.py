@@ -191,7 +191,7 @@ class GraspSequencer(LeafSystem):
         sources = (time, stored, self._p_WT)
         self._held = held = cache("motion of held object", _AT_REST, self._calc_held, *sources)
         any_value = AbstractValue.Make(object())
-        also = (self._pose.source, self._V_WO, tracking_status, self._contacts)
+        also = (self._pose.source, self._V_WO, self._contacts)
         command = cache("command", object(), self._calc_command, time, held, *also)
         self._command = command
         output("command", any_value, command.Eval, command)
@@ -229,7 +229,7 @@ class GraspSequencer(LeafSystem):
     def _calc_command(self, context: Context) -> GraspCommand:
         memory: _Memory = self._memory.Eval(context)
         state, time, settings = memory.state, context.get_time(), self._settings
-        R_WO, p_WO = self._pose.split(context)
+        _, R_WO, p_WO, is_tracked = self._pose.eval(context)
         V_WO = ports.validated_velocity(self._V_WO.Eval(context))
         R_WG, p_WG, V_WG = R_WO, p_WO, V_WO
         half = self._config.period / 2
@@ -245,7 +245,7 @@ class GraspSequencer(LeafSystem):
             R_WG=R_WG,
             p_WG=p_WG + state.height.value(time) * axis,
             V_WG=np.array([V_WG[0], V_WG[1] + state.height.rate(time + half) * axis]),
-            is_tracked=self._pose.is_tracked(context),
+            is_tracked=is_tracked,
             holds_contacts=state.holds_contacts,
             standoffs=state.standoffs,
             fingers_hold=state.fingers_hold(share),
@@ -327,7 +327,7 @@ class GraspSequencer(LeafSystem):
             distances, nhat = self._solid.distance_and_gradient(p_OT)
             p_OC = p_OT - distances[:, None] * nhat
         forces, settings = np.zeros((len(active), 3)), self._settings
-        R_WO, _ = self._pose.split(context)
+        R_WO = self._pose.eval(context).R_WO
         if not np.all(np.isfinite([p_OC, nhat])):
             return Squeeze(forces, GRAVITY * self._mass)
         # A ramp of duration T over the height h accelerates by at most 6 h / T^2.

@@ -1,7 +1,7 @@
 """Declaration of ports and cache entries, and validation of the values that enter through ports."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -151,6 +151,22 @@ def _tickets(sources: Sequence[Source]) -> set[DependencyTicket]:
     return {s if isinstance(s, DependencyTicket) else s.ticket() for s in sources}
 
 
+class ValidPose(NamedTuple):
+    """A valid pose of a frame O in W.
+
+    Attributes:
+        X_WO: The pose.
+        R_WO: Its rotation matrix, shape (3, 3).
+        p_WO: Its position, shape (3,), in metres.
+        is_tracked: Whether it is the present pose, and goals may follow it.
+    """
+
+    X_WO: RigidTransform
+    R_WO: FloatArray
+    p_WO: FloatArray
+    is_tracked: bool
+
+
 class LastPose:
     """Reads poses at a port of a system, and falls back on the last valid one.
 
@@ -160,15 +176,13 @@ class LastPose:
     Args:
         system: System that has the port, and is being built.
         port: Port that accepts a `RigidTransform`.
-        tracking_status: Optional port that accepts a `TrackingStatus`; only `is_tracked` uses it.
+        tracking_status: Optional port that accepts a `TrackingStatus`.
 
     Attributes:
-        source: Cache entry that everything computed from the pose depends on.
+        source: Cache entry of the `ValidPose`, on which everything computed from it depends.
     """
 
-    def __init__(
-        self, system: LeafSystem, port: InputPort, tracking_status: InputPort | None = None
-    ) -> None:
+    def __init__(self, system: LeafSystem, port: InputPort, tracking_status: InputPort) -> None:
         self._port, self._tracking_status = port, tracking_status
         self._index: DiscreteStateIndex = system.DeclareDiscreteState(
             RigidTransform().GetAsMatrix34().ravel()
@@ -176,45 +190,32 @@ class LastPose:
         self.source = declare_cache(
             system,
             f"valid pose of {port.get_name()}",
-            (RigidTransform(), np.empty((3, 4)), True),
-            self._calc_valid,
+            ValidPose(RigidTransform(), np.eye(3), np.zeros(3), True),
+            self._calc_pose,
             port,
+            tracking_status,
             system.discrete_state_ticket(self._index),
         )
 
-    def _calc_valid(self, context: Context) -> tuple[RigidTransform, FloatArray, bool]:
+    def _calc_pose(self, context: Context) -> ValidPose:
         X: RigidTransform = self._port.Eval(context)
-        is_sound = is_valid(X)
+        is_sound, status = is_valid(X), self._tracking_status
         stored = X if is_sound else context.get_discrete_state(self._index).value().reshape(3, 4)
         X = RigidTransform(stored)  # A copy: Drake overwrites port values.
-        return X, X.GetAsMatrix34(), is_sound
+        matrix = X.GetAsMatrix34()
+        is_followed = not status.HasValue(context) or float(status.Eval(context)[0]) in FOLLOWED
+        return ValidPose(X, matrix[:, :3], matrix[:, 3], is_sound and is_followed)
 
-    def is_tracked(self, context: Context) -> bool:
-        """Returns whether the pose at the port is valid and goals may follow it."""
-        is_sound: bool = self.source.Eval(context)[2]
-        port = self._tracking_status
-        return is_sound and (port is None or is_followed(port, context))
-
-    def eval(self, context: Context) -> RigidTransform:
+    def eval(self, context: Context) -> ValidPose:
         """Returns the pose at the port if it is valid, else the stored one."""
-        X: RigidTransform = self.source.Eval(context)[0]
-        return X
-
-    def split(self, context: Context) -> tuple[FloatArray, FloatArray]:
-        """Returns the rotation matrix and the position of `eval`, without copies."""
-        matrix: FloatArray = self.source.Eval(context)[1]
-        return matrix[:, :3], matrix[:, 3]
-
-    def moved(self, context: Context, points: FloatArray) -> FloatArray:
-        """Returns points that are fixed in the posed frame, expressed in W, shape (n, 3)."""
-        matrix = self.source.Eval(context)[1]
-        p_W: FloatArray = points @ matrix[:, :3].T + matrix[:, 3]
-        return p_W
+        pose: ValidPose = self.source.Eval(context)
+        return pose
 
     def store(self, context: Context, discrete_state: DiscreteValues) -> None:
         """Stores the last valid pose, if the port is connected."""
         if self._port.HasValue(context):
-            discrete_state.set_value(self._index, self.source.Eval(context)[1].ravel())
+            X_WO = self.source.Eval(context).X_WO
+            discrete_state.set_value(self._index, X_WO.GetAsMatrix34().ravel())
 
 
 def pose_bus(poses: Mapping[str, RigidTransform]) -> BusValue:
@@ -286,8 +287,3 @@ def eval_solids(
         return ()
     solids = eval_obstacles(system, port, context).solids
     return place_obstacles(Obstacles(solids), R_GW, p_GW).solids if solids else ()
-
-
-def is_followed(port: InputPort, context: Context) -> bool:
-    """Returns whether goals may follow the estimate, by an optional port `tracking_status`."""
-    return not port.HasValue(context) or float(port.Eval(context)[0]) in FOLLOWED
