@@ -168,14 +168,21 @@ class PoseEstimator(LeafSystem):
         time = self.time_ticket()
         self._stored = declare_cache(
             self,
-            "track of the last update, and the mixture of its newest belief",
-            (self._no_track, no_belief()),
-            self._calc_stored,
+            "track of the last update",
+            self._no_track,
+            lambda context: self._unpack(context.get_discrete_state(self._track_index).value()),
             self.discrete_state_ticket(self._track_index),
+        )
+        self._mixture = declare_cache(
+            self,
+            "mixture of the models at the newest measurement of that track",
+            no_belief(),
+            lambda context: self._merged(self._stored.Eval(context).newest),
+            self._stored,
         )
         self._track = track = declare_cache(
             self,
-            "track at the Context's last tick, and the mixture of its newest belief",
+            "track at the Context's last tick, and its mixture",
             (self._no_track, no_belief()),
             self._calc_track,
             time,
@@ -206,16 +213,12 @@ class PoseEstimator(LeafSystem):
         )
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store_track)
 
-    def _calc_stored(self, context: Context) -> tuple[PoseTrack, PoseBelief]:
-        track = self._unpack(context.get_discrete_state(self._track_index).value())
-        return track, self._merged(track.newest)
-
     def _calc_track(self, context: Context) -> tuple[PoseTrack, PoseBelief]:
         time = context.get_time()
         stored_time = context.get_discrete_state(self._time_index)[0]
-        track, belief = self._stored.Eval(context)
+        track: PoseTrack = self._stored.Eval(context)
         if tick_index(time, self._period) == tick_index(stored_time, self._period):
-            return track, belief
+            return track, self._mixture.Eval(context)
         X_WO: RigidTransform = self._X_WO_measured.Eval(context)
         measured_at = time
         if self._measurement_time.HasValue(context):
@@ -224,9 +227,9 @@ class PoseEstimator(LeafSystem):
             measured_at, X_WO.translation().copy(), X_WO.rotation().matrix()
         )
         if stored_time > time:  # The clock was set back.
-            track, belief = self._no_track, no_belief()
+            track = self._no_track
         if self._V_WO_held.HasValue(context):
-            V_held = self._twist(context, belief)
+            V_held = self._twist(context, self._merged(track.newest))
             track = track.with_twist(V_held, time - self._period / 2)
         track = update_track(track, measurement, time, self._settings)
         return track, self._merged(track.newest)
