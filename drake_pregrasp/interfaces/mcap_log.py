@@ -1,11 +1,12 @@
 """Log of a run as an MCAP file that Foxglove shows: poses, goals, regions and measures."""
 
 import base64
+import contextlib
 import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -30,8 +31,7 @@ class McapLog:
     """Writes ticks of a run as JSON messages with Foxglove's schemas.
 
     Topics are `/tf` (frames `object` and `object_estimated` in `world`), `/object` (its shape),
-    `/goals`, `/regions`, ten times a second, and `/measures`: the columns of `log.csv`. The file is
-    open inside a `with` block.
+    `/goals`, `/regions`, ten times a second, and `/measures`: the columns of `log.csv`.
 
     Args:
         path: File to write; an existing one is replaced.
@@ -48,15 +48,26 @@ class McapLog:
         self._channels: dict[str, int] = {}
         self._drawn = -math.inf
 
-    def __enter__(self) -> Self:
+    def open(self) -> None:
+        """Opens the file, before the first tick.
+
+        Raises:
+            OSError: If the file cannot be written.
+        """
         from mcap.writer import Writer
 
-        self._file = self.path.open("wb")
-        self._writer = Writer(self._file)
-        self._writer.start(library="drake_pregrasp")
-        return self
+        with contextlib.ExitStack() as stack:
+            self._file = stack.enter_context(self.path.open("wb"))
+            self._writer = Writer(self._file)
+            self._writer.start(library="drake_pregrasp")
+            stack.pop_all()  # The file stays open.
 
-    def __exit__(self, *raised: object) -> None:
+    def close(self) -> None:
+        """Ends the file, which is whole after any number of ticks.
+
+        Raises:
+            OSError: If the file cannot be written.
+        """
         with self._file:
             self._writer.finish()
 
@@ -66,6 +77,9 @@ class McapLog:
         Args:
             row: Values of the columns of `log.csv`.
             labels: Region that each candidate of the surface lies in, or -1, shape (N,).
+
+        Raises:
+            OSError: If the file cannot be written.
         """
         self._time = round(row["time"] * 1e9)
         if not self._channels:

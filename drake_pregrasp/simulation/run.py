@@ -7,7 +7,7 @@ import re
 import shutil
 import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -47,6 +47,9 @@ _RESULTS = ("log.csv", "grasp.csv", "summary.json", "metrics.png", "recording.ht
 
 RUN_FILES = (*_INPUT_FILES, *_RESULTS)
 """Names of the files of a run folder. A new run replaces these and no other files."""
+
+
+_DRAWING = 10.0  # Longest time for which Graphviz may draw, in seconds.
 
 
 @dataclass(frozen=True)
@@ -219,7 +222,8 @@ class LoggedRun:
             if mcap_log is not None:
                 row = log.table(*([part] for part in parts))[0]
                 named = dict(zip(log.columns, row.tolist(), strict=True))
-                mcap_log.append(named, record.regions.labels)
+                with output.writing(mcap_log.path):
+                    mcap_log.append(named, record.regions.labels)
             if meshcat is not None:
                 timeline.add_tick(record)
             if on_tick is not None:
@@ -265,8 +269,7 @@ class LoggedRun:
         with contextlib.ExitStack() as logs:
             logs.enter_context(self.log)
             if self._mcap is not None:
-                logs.enter_context(output.writing(self._mcap.path))
-                logs.enter_context(self._mcap)
+                logs.enter_context(_opened(self._mcap))
             if self.grasp_log is not None:
                 logs.enter_context(self.grasp_log)
             start = time.perf_counter()
@@ -274,6 +277,18 @@ class LoggedRun:
             simulator.AdvanceTo(self._scenario.simulation_duration)
             self.wall_seconds = time.perf_counter() - start
         self.completed = not stopped
+
+
+@contextlib.contextmanager
+def _opened(log: McapLog) -> Iterator[None]:
+    """Opens a log for the block. Only errors of the log itself name its file."""
+    with output.writing(log.path):
+        log.open()
+    try:
+        yield
+    finally:
+        with output.writing(log.path):
+            log.close()
 
 
 def write_graphviz(diagram: Diagram, path: Path) -> None:
@@ -287,8 +302,10 @@ def write_graphviz(diagram: Diagram, path: Path) -> None:
 
 def _draw_graphviz(path: Path) -> None:
     """Draws a Graphviz file as SVG beside it, if Graphviz is installed."""
-    failure = subprocess.CalledProcessError
     if dot := shutil.which("dot"):
-        with contextlib.suppress(failure):
-            drawn = subprocess.run([dot, "-Tsvg", str(path)], check=True, capture_output=True)
+        # A picture is no reason to fail: dot may be broken, or stuck.
+        with contextlib.suppress(OSError, subprocess.SubprocessError):
+            drawn = subprocess.run(
+                [dot, "-Tsvg", str(path)], check=True, capture_output=True, timeout=_DRAWING
+            )
             output.write_text(path.with_suffix(".svg"), drawn.stdout.decode())

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from simulation_runs import contacts, points, run_log
 
-from drake_pregrasp import InvalidArgumentError, load_scenario, run
+from drake_pregrasp import InvalidArgumentError, box_surface, load_scenario, run
 from drake_pregrasp.config.object_config import PoseStream
-from drake_pregrasp.interfaces.mcap_log import OBJECT_FRAME
+from drake_pregrasp.interfaces.mcap_log import OBJECT_FRAME, McapLog
 
 reader = pytest.importorskip("mcap.reader")
 pytest.importorskip("rosbags")
@@ -30,6 +30,23 @@ def short_run(name, folder, motion=None, **options):
     scenario.simulation_duration = 1.0
     scenario.motion = motion or scenario.motion
     return run(scenario, name="run", out=folder, recording=False, **options)
+
+
+def test_a_log_that_cannot_be_started_leaves_no_open_file(tmp_path, monkeypatch):
+    files = []
+
+    class FullDisk:
+        def __init__(self, file):
+            files.append(file)
+
+        def start(self, library):
+            raise OSError("no space is left")
+
+    monkeypatch.setattr("mcap.writer.Writer", FullDisk)
+    surface = box_surface([0.1, 0.1, 0.1], spacing=0.05)
+    with pytest.raises(OSError, match="no space is left"):
+        McapLog(tmp_path / "run.mcap", surface, np.zeros((1, 3))).open()
+    assert files[0].closed
 
 
 @pytest.mark.slow

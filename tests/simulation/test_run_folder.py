@@ -136,13 +136,18 @@ def test_a_run_that_fails_or_is_stopped_leaves_the_earlier_one(tmp_path):
         if record.time > 0.09:
             raise ArithmeticError
 
+    def fail_to_read(record):
+        raise FileNotFoundError("of the caller")
+
     for options in ({"on_tick": fail}, {"mcap": True, "on_tick": fail}):
         with pytest.raises(ArithmeticError):
             short_run(tmp_path, **options)
+    with pytest.raises(FileNotFoundError, match="of the caller"):  # No matter of the log.
+        short_run(tmp_path, mcap=True, on_tick=fail_to_read)
     stopped = short_run(tmp_path, should_stop=lambda: True)
-    assert stopped.folder == folder / "partial-3"
+    assert stopped.folder == folder / "partial-4"
     assert not stopped.replaced
-    for number in (1, 2, 3):
+    for number in (1, 2, 3, 4):
         assert (folder / f"partial-{number}" / "log.csv").read_text().startswith("time,")
         shutil.rmtree(folder / f"partial-{number}")
     assert contents(folder) == before
@@ -163,6 +168,19 @@ def test_a_full_disk_leaves_the_earlier_run_and_names_the_file(tmp_path, kilobyt
         resource.setrlimit(resource.RLIMIT_FSIZE, limit)
     shutil.rmtree(folder / "partial-1", ignore_errors=True)
     assert contents(folder) == before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("program", ["no program", "#!/bin/sh\nexec sleep 60\n"])
+def test_a_run_needs_no_picture_of_its_diagram(tmp_path, monkeypatch, program):
+    dot = tmp_path / "dot"
+    dot.write_text(program)
+    dot.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
+    monkeypatch.setattr("drake_pregrasp.simulation.run._DRAWING", 0.2)
+    result = short_run(tmp_path)
+    assert result.completed
+    assert not (result.folder / "diagram.svg").exists()
 
 
 @pytest.mark.slow
