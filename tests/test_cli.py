@@ -15,6 +15,7 @@ import yaml
 from drake_pregrasp import shipped_scenarios
 from drake_pregrasp.cli import main
 from drake_pregrasp.resources import resource_folder
+from drake_pregrasp.simulation.smooth_file import CARRIED
 
 SHORT = ["--simulation_duration", "0.5", "--no-recording"]
 
@@ -77,6 +78,24 @@ def test_smooth_writes_a_stream_and_says_so(tmp_path, capsys):
     assert len(target.read_text().splitlines()) == 122
     assert main(["smooth", str(source), "/dev/null/x"]) == 2
     assert "/dev/null/x: cannot be written" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_smooth_accepts_just_the_settings_that_change_what_it_writes(tmp_path, capsys):
+    source = resource_folder("models") / "carried_by_hand.csv"
+
+    def smoothed(**settings):
+        target = tmp_path / "smoothed.csv"
+        status = main(["smooth", str(source), str(target), "--estimator", json.dumps(settings)])
+        return status or target.read_text()
+
+    before = smoothed()
+    for key, default in vars(CARRIED).items():
+        value = [[0.0, 0.0, 1.5707963]] if key == "symmetry" else type(default)(2 * default or 1)
+        after = smoothed(**{key: value})
+        assert after != before, key
+        if after == 2:
+            assert f"--estimator: {key}: {value} has no effect" in capsys.readouterr().err
 
 
 def test_a_working_directory_that_is_deleted_is_named(tmp_path, monkeypatch, capsys):

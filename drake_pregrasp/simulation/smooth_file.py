@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.config.planner_config import EstimatorConfig, filter_noise
+from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.estimation.pose_smoother import filter_poses, smooth
 from drake_pregrasp.estimation.recorded_poses import COLUMNS
 from drake_pregrasp.interfaces.pose_files import read_poses
@@ -25,14 +26,23 @@ CARRIED = EstimatorConfig(
 """Default settings of the filter, for an object that a person carries. Smoothing has one model."""
 
 
+_SETTINGS = "position_std", "orientation_std", "acceleration", "angular_acceleration", "gravity"
+
+
 def load_estimator(text: str) -> EstimatorConfig:
     """Returns the settings `CARRIED` with the overrides of a YAML text.
 
     Raises:
-        ScenarioError: If a key or a value is invalid.
+        ScenarioError: If a key or a value is invalid, or if a key has no effect on smoothing.
     """
     source = "--estimator"
-    return load_checked(source, "", parse_entries(source, text), CARRIED)
+    data = parse_entries(source, text)
+    config = load_checked(source, "", data, CARRIED)
+    for key in data:
+        if key not in _SETTINGS:
+            problem = f"{data[key]} has no effect on smoothing; keys are: {', '.join(_SETTINGS)}"
+            raise ScenarioError(source, key, problem)
+    return config
 
 
 def smooth_file(source: Path, target: Path, config: EstimatorConfig) -> int:
