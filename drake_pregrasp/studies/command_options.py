@@ -13,9 +13,6 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from drake_pregrasp.simulation.output import INTERRUPTED_STATUS, handling
 from drake_pregrasp.studies.runner import FAILED, ROWS, OnProgress, StudyRows
 
-MOST_SEEDS = 10_000
-"""Largest allowed number of seeds of a study."""
-
 FAILED_STATUS = 1
 """Exit status if some runs have failed."""
 
@@ -32,15 +29,13 @@ def add_processes_option(parser: argparse.ArgumentParser, noun: str = "runs") ->
     parser.add_argument("--processes", type=whole_number(1), metavar="N", help=text)
 
 
-def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
-    """Returns the type of an option that is a whole number in a range."""
+def whole_number(least: int) -> Callable[[str], int]:
+    """Returns the type of an option that is a whole number, `least` or more."""
 
     def parse(text: str) -> int:
         value = int(text)
         if value < least:
             raise argparse.ArgumentTypeError(f"{value} must be {least} or more")
-        if most is not None and value > most:
-            raise argparse.ArgumentTypeError(f"{value} must be {most} or less")
         return value
 
     parse.__name__ = "whole number"  # Argparse's message: "invalid whole number value: 'x'".

@@ -119,8 +119,7 @@ def grid_axis(name: str, values: Any, data: Mapping[str, Any], source: str) -> G
     """
     key = f"grid.{name}"
     if isinstance(values, list) and values:
-        if not isinstance(read_field(data, name, f"{source}: grid"), str):
-            values = [_number(value) for value in values]
+        values = _numbers(values, [read_field(data, name, f"{source}: grid")])
         pairs: list[tuple[Any, Any]] = [(as_label(value), {name: value}) for value in values]
     elif isinstance(values, Mapping) and values and TAG_KEY not in values:
         pairs = list(values.items())
@@ -165,9 +164,8 @@ def random_axis(
         if not isinstance(values, list) or not values:
             problem = f"{values!r} must be a list, not empty"
             raise ScenarioError(source, f"{key}.{name}.{where}", problem)
-    for path in fields:
-        read_field(data, str(path), f"{source}: {key}")
-    arguments = [_number(value) for value in entry[kind]]
+    present = [read_field(data, str(path), f"{source}: {key}") for path in fields]
+    arguments = _numbers(entry[kind], present)
     if kind != "choice":
         type_, rules = _RANGES[kind]
         fits = len(arguments) == 2 and not any(scalar_problem(e, type_, rules) for e in arguments)
@@ -207,8 +205,19 @@ def as_label(value: Any) -> Label:
     return value if isinstance(value, float | int | str) else json.dumps(value)
 
 
+def _numbers(values: list[Any], present: list[Any]) -> list[Any]:
+    """Converts texts that YAML 1.1 does not read as numbers, such as 1e-3; keeps other values.
+
+    Args:
+        values: New values of fields.
+        present: Present values of the fields; if one is a text, nothing is converted.
+    """
+    if any(isinstance(value, str) for value in present):
+        return values
+    return [_number(value) for value in values]
+
+
 def _number(value: Any) -> Any:
-    """Converts texts that YAML 1.1 does not read as numbers, such as 1e-3; keeps other values."""
     try:
         return float(value) if isinstance(value, str) else value
     except ValueError:

@@ -11,7 +11,6 @@ from drake_pregrasp.simulation.output import write_text
 from drake_pregrasp.simulation.yaml_text import dump_yaml
 from drake_pregrasp.studies import field_path, measures, study_axes, study_file
 from drake_pregrasp.studies.command_options import (
-    MOST_SEEDS,
     add_out_option,
     add_processes_option,
     make_rows_and_report,
@@ -52,7 +51,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         text = f"keys of the {what} to run; all if not set"
         parser.add_argument(f"--{option}", type=names, default=(), metavar="a,b,...", help=text)
     for option, kind, metavar in (
-        ("seeds", whole_number(1, MOST_SEEDS), "N"),
+        ("seeds", whole_number(1), "N"),
         ("first_seed", whole_number(0), "K"),
     ):
         text = f"replaces the key {option} of the study"

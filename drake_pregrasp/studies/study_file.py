@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from drake_pregrasp.arrays import first_tick, tick_index
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError, nearest
 from drake_pregrasp.resources import check_inside, resolve_path, resource_folder
 from drake_pregrasp.simulation.scenario_file import (
@@ -18,10 +19,11 @@ from drake_pregrasp.simulation.scenario_file import (
 )
 from drake_pregrasp.simulation.schema_check import check_mapping
 from drake_pregrasp.simulation.yaml_text import parse_yaml
-from drake_pregrasp.studies.field_path import walk, with_fields
+from drake_pregrasp.studies.field_path import overlap, walk, with_fields
 from drake_pregrasp.studies.grasps.goal_sources import GOAL_SOURCES
 from drake_pregrasp.studies.measures import MEASURES
 from drake_pregrasp.studies.study_axes import (
+    RANDOM_OBJECTS,
     SEED_FIELD,
     Axis,
     GridAxis,
@@ -38,6 +40,7 @@ from drake_pregrasp.studies.study_config import (
     PairedTest,
     StudyConfig,
 )
+from drake_pregrasp.systems.pose_sensor import MAX_SEED
 
 STUDY_TEXT = "study text"
 """Name of the text that overrides keys of a study, for error messages."""
@@ -173,6 +176,7 @@ def load_study(
     config, source = _read_config(file, text), str(file)
     config.seeds = config.seeds if seeds is None else seeds
     config.first_seed = config.first_seed if first_seed is None else first_seed
+    _check_seeds(config, source)
     _resolve_file(config, file, folders)
     all_conditions = _entries(source, "conditions", config.conditions, Condition)
     all_methods = _entries(source, "methods", config.methods, Method)
@@ -279,10 +283,11 @@ def _check(study: Study) -> None:
             source,
             ["condition", "method", "seed", "error", *MEASURES],
         )
-        if (times := condition.closing_times) != sorted(times):
-            raise ScenarioError(source, f"conditions.{key}.closing_times", f"{times}: sort them")
-        if (times or config.closing_times) and "held" not in config.measures:
-            raise ScenarioError(source, "measures", "have closing times, but not `held`")
+        _check_closing_times(study, key, condition)
+        kinds = {axis.kind for axis in study.random[key]}
+        if RANDOM_OBJECTS in kinds and "held" not in config.measures:
+            problem = f"lack held, which a study of {RANDOM_OBJECTS} needs"
+            raise ScenarioError(source, "measures", problem)
     for key, method in study.methods.items():
         if method.goals and method.goals not in GOAL_SOURCES:
             hint = nearest(method.goals, GOAL_SOURCES)
@@ -307,6 +312,53 @@ def _check(study: Study) -> None:
     if points > MOST_RUNS:
         problem = f"{points} runs are too many; at most {MOST_RUNS} can be made"
         raise ScenarioError(source, "", problem)
+
+
+def _check_seeds(config: StudyConfig, source: str) -> None:
+    seeds, first = config.seeds, config.first_seed
+    check_mapping(source, "", {"seeds": seeds, "first_seed": first}, StudyConfig)
+    if (last := first + seeds - 1) > MAX_SEED:
+        problem = f"{first} is too large: the last of {seeds} seeds would be {last}, not at most"
+        raise ScenarioError(source, "first_seed", f"{problem} {MAX_SEED}")
+
+
+def _check_closing_times(study: Study, key: str, condition: Condition) -> None:
+    """Checks the closing times of a condition, with its scenario where nothing changes it."""
+    source, base = study.source, study.bases[key]
+    own, shared = condition.closing_times, study.config.closing_times
+    where = f"conditions.{key}.closing_times" if own else "closing_times"
+    if not (times := own or shared):
+        return
+    if times != sorted(times):
+        raise ScenarioError(source, where, f"{times}: sort them")
+    if "held" not in study.config.measures:
+        raise ScenarioError(source, "measures", "lack held, which a study with closing times needs")
+    changed = [f for axis in (*study.grid, *study.random[key]) for f in axis.fields]
+    for method in study.methods.values():
+        changed += [f for f, value in walk(method.overrides) if not isinstance(value, Mapping)]
+    if not base["hand"]["file"] and not any(overlap(field, "hand.file") for field in changed):
+        name = condition.scenario or study.config.scenario
+        raise ScenarioError(source, where, f"{times}: the scenario {name} has no hand that closes")
+    if not any(overlap(field, "planner.period") for field in changed):
+        check_at_ticks(times, base["planner"]["period"], source, where)
+
+
+def check_at_ticks(times: Sequence[float], period: float, source: str, key: str) -> None:
+    """Checks that closing times are ticks of the planner.
+
+    Args:
+        times: Closing times in seconds.
+        period: Period of the planner in seconds.
+        source: File of the study, for the message.
+        key: Key of the times, for the message.
+
+    Raises:
+        ScenarioError: If a time is between two ticks.
+    """
+    for time in times:
+        if tick_index(time, period) != first_tick(time, period):
+            problem = f"{time} s is between two ticks of the planner; take a multiple of its period"
+            raise ScenarioError(source, key, f"{problem}, {period} s")
 
 
 def _check_plain(source: str, data: Any) -> None:

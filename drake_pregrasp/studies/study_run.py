@@ -1,6 +1,6 @@
 """Runs of a study: the scenario of a job, its simulation, and its rows."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +18,7 @@ from drake_pregrasp.studies.grasps.goal_sources import RegisteredSource
 from drake_pregrasp.studies.grasps.grasp_trial import GraspTrial
 from drake_pregrasp.studies.measures import SimulatedRun, measure
 from drake_pregrasp.studies.study_axes import RANDOM_OBJECTS
-from drake_pregrasp.studies.study_file import Study
+from drake_pregrasp.studies.study_file import Study, check_at_ticks
 from drake_pregrasp.systems.loggers import TickRecord
 
 REFUSED = "refused"
@@ -47,18 +47,19 @@ class StudyRun:
         if not scenario.has_hand:
             resolved = resolve_scenario(scenario, self.study.source)
             return [self._measured(simulated(resolved))]
+        times = self._times(scenario, job)
         if not self._fits(scenario, job):
-            return self._ungrasped(scenario, job, UNFIT, np.nan)
+            return self._ungrasped(times, UNFIT, np.nan)
         try:
             resolved = self._resolved(scenario, job)
         except ScenarioError as error:
             lack = error.__cause__.lack if isinstance(error.__cause__, NoGraspError) else ""
             cause = f"{REFUSED}: {lack}" if lack else REFUSED
-            return self._ungrasped(scenario, job, cause, False, one_line(error))
+            return self._ungrasped(times, cause, False, one_line(error))
         trial = GraspTrial(resolved, self._source(job))
         return [
             self._measured(SimulatedRun(resolved, trial.ticks, outcome))
-            for outcome in trial.outcomes(self._times(scenario, job))
+            for outcome in trial.outcomes(times)
         ]
 
     def resolved(self, job: Mapping[str, Any]) -> ResolvedScenario:
@@ -112,19 +113,22 @@ class StudyRun:
         return fits(shape, opening(made_hand(load_hand(scenario.hand_file))))
 
     def _times(self, scenario: Scenario, job: Mapping[str, Any]) -> list[float]:
-        return self.study.closing_times(job) or [scenario.grasp.close_at]
+        if not (times := self.study.closing_times(job)):
+            return [scenario.grasp.close_at]
+        check_at_ticks(times, scenario.planner.period, self.study.source, "closing_times")
+        return times
 
     def _measured(self, run: SimulatedRun) -> dict[str, Any]:
         return measure(run, self.study.config.measures)
 
     def _ungrasped(
-        self, scenario: Scenario, job: Mapping[str, Any], cause: str, held: float, why: str = ""
+        self, times: Sequence[float], cause: str, held: float, why: str = ""
     ) -> list[dict[str, Any]]:
         """Returns the rows of a run that was not simulated."""
         row = dict.fromkeys(self.study.config.measures, np.nan)
         row |= {name: held for name in ("held", "clean") if name in row}
         reasons = {"cause": cause, "gave_up": why}
-        return [{"close_at": time} | reasons | row for time in self._times(scenario, job)]
+        return [{"close_at": time} | reasons | row for time in times]
 
 
 def simulated(resolved: ResolvedScenario) -> SimulatedRun:

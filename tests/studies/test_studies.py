@@ -149,6 +149,12 @@ def test_the_content_of_a_study_is_a_file_of_the_same_study(tmp_path):
         ({"methods": [""]}, "--methods: there is none with this key; there are: msv, position"),
         ({"text": "{sead: 1}"}, "study text: sead: unknown key (value 1); did you mean seeds?"),
         ({"text": "[1]"}, "study text: [1] must be a mapping"),
+        ({"seeds": 0}, "mine.yaml: seeds: 0 must be a whole number at least 1"),
+        (
+            {"seeds": 2, "first_seed": 2**53},
+            "first_seed: 9007199254740992 is too large: the last of 2 seeds would be"
+            " 9007199254740993, not at most 9007199254740992",
+        ),
     ],
 )
 def test_unusable_choices_are_refused(options, problem):
@@ -316,6 +322,30 @@ def test_a_study_below_the_folder_of_its_mesh_may_not_name_it_but_one_above_may(
     assert study.bases[""]["object"]["file"] == str(tmp_path / "m.obj")
     with pytest.raises(ScenarioError, match=r"m\.obj is outside of"):
         load_study(write_study(tmp_path / "sub", scenario="", file="own.yaml"))
+
+
+def test_texts_to_choose_from_stay_texts_also_if_they_read_as_numbers():
+    data = {"description": "", "planner": {"power": 1.0}}
+    entry = {"choice": ["1e3", "7"]}
+    assert random_axis("description", entry, data, "x").arguments == ("1e3", "7")
+    assert random_axis("planner.power", entry, data, "x").arguments == (1000.0, 7.0)
+
+
+def test_a_run_whose_planner_has_no_tick_at_a_closing_time_is_refused(tmp_path):
+    changes = {
+        "scenario": "grasp_five_finger",
+        "overrides": {},
+        "grid": {"planner.period": [0.05, 0.04]},
+        "measures": ["held"],
+        "closing_times": [1.0, 1.05],
+    }
+    study = load_study(write_study(tmp_path, **changes))
+    job = next(job for job in study.jobs() if job["planner.period"] == 0.04)
+    problem = re.escape(
+        "closing_times: 1.05 s is between two ticks of the planner; take a multiple"
+    )
+    with pytest.raises(ScenarioError, match=problem):
+        StudyRun(study, {})(job)
 
 
 @given(st.integers(), st.integers(0, 2**66))

@@ -41,6 +41,8 @@ def rows(study):
 
 
 GRASPS = {
+    "scenario": "grasp_five_finger",
+    "overrides": {},
     "conditions": {"calm": {"label": "no <b> wind"}, "windy": {}},
     "methods": {"old": {}, "new": {"label": "new <i>"}, "other": {}},
     "tests": [{"method": "new"}],
