@@ -23,10 +23,9 @@ from drake_pregrasp.simulation.scenario_file import scenario_data, scenario_from
 from drake_pregrasp.simulation.yaml_text import dump_yaml
 from drake_pregrasp.studies.field_path import read_field, set_field
 from drake_pregrasp.studies.measures import MARGINS, PLANNING
-from drake_pregrasp.studies.named_files import named_files
 from drake_pregrasp.studies.runner import FAILED, JOURNAL, ROWS, SETTINGS
 from drake_pregrasp.studies.study_axes import RandomAxis, random_axis
-from drake_pregrasp.studies.study_command import STUDY, study_settings
+from drake_pregrasp.studies.study_command import STUDY, named_files, study_settings
 from drake_pregrasp.studies.study_file import load_study, study_data
 from drake_pregrasp.studies.study_run import StudyRun
 
