@@ -214,7 +214,7 @@ def pose_residual(
     measurement: PoseMeasurement,
     noise: PoseFilterNoise,
     p_OCoM: FloatArray | None = None,
-    noise_factor: float = 1.0,
+    noise_factors: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Returns residual, Jacobian and noise of a measured pose, for `correct`.
 
@@ -226,7 +226,8 @@ def pose_residual(
         measurement: The measured pose.
         noise: Noise that the filter assumes.
         p_OCoM: Centre of mass in O, shape (3,), in metres; the origin of O by default.
-        noise_factor: Variance of the measurement's noise over the assumed one.
+        noise_factors: Factors on the assumed variances of a measured orientation and position,
+            shape (2,); 1 by default.
     """
     thetas = [rotation_vector(measurement.R_WO @ R.T) for R in prior.R_WO]
     H = np.tile(np.eye(6, 12), (len(thetas), 1, 1))
@@ -234,8 +235,8 @@ def pose_residual(
     if p_OCoM is not None:
         offset = offset + prior.R_WO @ p_OCoM
         H[:, 3:6] = origin_jacobian(prior, p_OCoM)
-    R = np.diag(noise_factor * np.repeat(noise.variances, 3))
-    return np.hstack([thetas, offset]), H, R
+    variances = noise.variances if noise_factors is None else noise_factors * noise.variances
+    return np.hstack([thetas, offset]), H, np.diag(np.repeat(variances, 3))
 
 
 def origin_jacobian(belief: PoseBelief, p_OCoM: FloatArray) -> FloatArray:
@@ -262,7 +263,7 @@ def filter_step(
     measurement: PoseMeasurement,
     noise: PoseFilterNoise,
     p_OCoM: FloatArray | None = None,
-    noise_factor: float = 1.0,
+    noise_factors: FloatArray | None = None,
 ) -> tuple[PoseBelief, Correction]:
     """Returns the prior at a measurement's time, and its correction.
 
@@ -271,10 +272,11 @@ def filter_step(
         measurement: The measured pose; this and the other arguments are as for `pose_residual`.
         noise: Noise and motion that the filter assumes.
         p_OCoM: Centre of mass in O, shape (3,), in metres.
-        noise_factor: Variance of the measurement's noise over the assumed one.
+        noise_factors: Factors on the assumed variances of a measured orientation and position,
+            shape (2,); 1 by default.
 
     Raises:
         InvalidArgumentError: If the measurement is older than the belief.
     """
     prior = predict(earlier, measurement.time - earlier.time, noise)
-    return prior, correct(prior, *pose_residual(prior, measurement, noise, p_OCoM, noise_factor))
+    return prior, correct(prior, *pose_residual(prior, measurement, noise, p_OCoM, noise_factors))

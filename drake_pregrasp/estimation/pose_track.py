@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from drake_pregrasp.arrays import SLACK, FloatArray, pack, unpacker
+from drake_pregrasp.estimation.noise_estimate import NoiseEstimate
 from drake_pregrasp.estimation.pose_belief import (
     MODELS,
     NO_MEASUREMENT,
@@ -106,12 +107,8 @@ class PoseTrack:
             `CONFIRMATIONS`.
         confirmed_at: Time of the last measurement with which the belief was confirmed, or of the
             first measurement if there was none yet, in seconds.
-        noise_level: Measurement-noise estimate, as a share of the assumed noise, from 0 to 1.
-        excess: Measured variance of recent innovations, relative to their expected variance.
-        noise_factor: Measurement-noise estimate: variance of the sensor's noise over the assumed
-            one. It is the excess, or 1 if the excess may be chance.
+        noise: Measurement-noise estimate.
         verdict: Result of the check of the last measurement.
-        last_residual: Residual of the newest measurement that was used in time, shape (6,).
         innovation_squared: νᵀ S⁻¹ ν of position and orientation of the last measurement that was
             compared with a prediction, in the mean over the models, shape (2,).
         V_held: Twist of the object that was known at the last tick, because a hand held it: angular
@@ -127,11 +124,8 @@ class PoseTrack:
     begun_at: float
     confirmations: int
     confirmed_at: float
-    noise_level: float
-    excess: float
-    noise_factor: float
+    noise: NoiseEstimate
     verdict: MeasurementVerdict
-    last_residual: FloatArray
     innovation_squared: FloatArray
     V_held: FloatArray
 
@@ -207,11 +201,8 @@ class PoseTrack:
             begun_at=-math.inf,
             confirmations=0,
             confirmed_at=-math.inf,
-            noise_level=0.0,
-            excess=1.0,
-            noise_factor=1.0,
+            noise=NoiseEstimate.empty(),
             verdict=MeasurementVerdict.NOTHING_NEW,
-            last_residual=np.zeros(6),
             innovation_squared=np.zeros(2),
             V_held=np.full(6, np.nan),
         )

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from drake_pregrasp.arrays import FloatArray, is_valid_pose, pack
+from drake_pregrasp.estimation.noise_estimate import POSES
 from drake_pregrasp.estimation.pose_belief import PoseBelief, PoseMeasurement, first_belief
 from drake_pregrasp.estimation.pose_filter import Correction
 from drake_pregrasp.estimation.pose_track import (
@@ -29,12 +30,9 @@ OLDEST = 1e6
 """Largest age of a valid measurement, and longest prediction, in seconds."""
 
 _SLACK = 1e-6  # Seconds by which rounding may put a time ahead of the clock.
-_FORGETTING = 0.05  # Share of the newest innovation in the running means.
-_LARGEST_EXCESS = 9.0  # Largest excess of a single innovation: it may be an outlier.
-_TOLERATED_EXCESS = 2.0  # Excess of the innovations' variance that may be chance.
 _SILENCE = 100.0  # Seconds without a measurement after which rounding would spoil a correction.
 _VAGUE = np.repeat(np.square([0.1, 0.03]), 3)  # Variances of a pose that an outlier may confirm.
-_NOISY = 0.25  # Noise level of a sensor without noise is below this.
+_NOISY = 0.25  # Variance over the assumed one; that of a sensor without noise is below this.
 _AT_REST = 3.0  # Standard deviations up to which a velocity may be zero.
 
 
@@ -66,7 +64,7 @@ def update_track(
     if time - newest_time > _SILENCE:  # Also without a belief, whose time is -inf.
         return _begun(track, seen, measurement, settings)
     if (
-        track.noise_level > _NOISY
+        (track.noise.ratios > _NOISY).all()
         and (seen[1:] == track.last_seen[1:]).all()
         and _moves(track.newest)
     ):
@@ -80,17 +78,19 @@ def update_track(
             first = first_belief(measurement, settings.noise, settings.p_OCoM)
             return replace(track, last_seen=seen, **_inserted(track, seen, first, 0, settings))
         earlier = unpack_belief(before[-1, MEASUREMENT_SIZE:])
-    prior, new = _step(earlier, measurement, settings, track.noise_factor)
+    measurement = _equivalent(earlier, measurement, settings)
+    prior, new = _step(earlier, measurement, settings, track)
     variances = _variances(prior, new)
     is_used = np.add.reduce(new.squares, axis=1).min() <= settings.gate_squared
-    changes = {"last_seen": seen, **_statistics(track, new)}
+    changes: dict[str, Any] = {"last_seen": seen, "innovation_squared": _innovation_squared(new)}
     if is_late and is_used:
         confirmations = _confirmed(0, variances)
         changes |= _inserted(track, seen, new.belief, confirmations, settings)
     elif is_late:
         changes["verdict"] = MeasurementVerdict.OUTLIER
     elif is_used:
-        changes |= _used(track, seen, new, _confirmed(track.confirmations, variances), settings)
+        confirmations = _confirmed(track.confirmations, variances)
+        changes |= _used(track, measurement, new, confirmations, settings)
     else:
         changes |= _refused(track, seen, measurement, settings)
     after = replace(track, **changes)
@@ -131,54 +131,44 @@ def _restarted(
 
 def _used(
     track: PoseTrack,
-    seen: FloatArray,
+    measurement: PoseMeasurement,
     new: Correction,
     confirmations: int,
     settings: TrackerSettings,
 ) -> dict[str, Any]:
     """Returns what a measurement changes that continues the newest belief."""
-    noise = settings.noise
-    # With noise, successive residuals differ, with at least twice its covariance. With a motion
-    # that the filter does not expect, they are similar.
-    residual = new.residual[new.belief.weights.argmax()]
-    change = np.square(residual - track.last_residual).tolist()
-    level = sum(change[:3]) / noise.orientation**2 + sum(change[3:]) / noise.position**2
+    before = unpack_measurement(track.steps[-1, :MEASUREMENT_SIZE])
+    row = np.concatenate([pack(measurement), pack(new.belief)])[None]
     return {
-        "steps": _appended(track, seen, new.belief),
+        "steps": np.concatenate([track.steps[1:], row]),
         "alternative": track.none,
         "support": 0,
         "refused": 0,
         "confirmations": confirmations,
         "confirmed_at": new.belief.time if confirmations == CONFIRMATIONS else track.confirmed_at,
-        "last_residual": residual,
-        "noise_level": _running(track.noise_level, min(1.0, level / 12)),
+        "noise": track.noise.updated(before, measurement, settings.noise.variances),
         "verdict": MeasurementVerdict.USED,
     }
 
 
-def _running(mean: float, value: float) -> float:
-    return (1 - _FORGETTING) * mean + _FORGETTING * value
-
-
-def _appended(track: PoseTrack, seen: FloatArray, belief: PoseBelief) -> FloatArray:
-    row = np.concatenate([seen, pack(belief)])[None]
-    return np.concatenate([track.steps[1:], row])
+def _equivalent(
+    earlier: PoseBelief, measurement: PoseMeasurement, settings: TrackerSettings
+) -> PoseMeasurement:
+    """Returns the equivalent measured pose that is nearest to the prediction."""
+    if len(settings.symmetry) == 1:
+        return measurement
+    k, dt = earlier.weights.argmax(), measurement.time - earlier.time
+    R_WO = rotation_matrix(earlier.V_WCoM[k, :3] * dt) @ earlier.R_WO[k]
+    equivalent = measurement.R_WO @ settings.symmetry
+    nearest = np.einsum("ij,sij->s", R_WO, equivalent).argmax()  # The largest traces.
+    return replace(measurement, R_WO=equivalent[nearest])
 
 
 def _step(
-    earlier: PoseBelief,
-    measurement: PoseMeasurement,
-    settings: TrackerSettings,
-    noise_factor: float,
+    earlier: PoseBelief, measurement: PoseMeasurement, settings: TrackerSettings, track: PoseTrack
 ) -> tuple[PoseBelief, Correction]:
-    """Returns the prior and its correction by the equivalent pose nearest to the prediction."""
-    if len(settings.symmetry) > 1:
-        k, dt = earlier.weights.argmax(), measurement.time - earlier.time
-        R_WO = rotation_matrix(earlier.V_WCoM[k, :3] * dt) @ earlier.R_WO[k]
-        equivalent = measurement.R_WO @ settings.symmetry
-        nearest = np.einsum("ij,sij->s", R_WO, equivalent).argmax()  # The largest traces.
-        measurement = replace(measurement, R_WO=equivalent[nearest])
-    return settings.step(earlier, measurement, settings.noise, settings.p_OCoM, noise_factor)
+    """Returns the prior and its correction, with the noise that was estimated."""
+    return settings.step(earlier, measurement, settings.noise, settings.p_OCoM, track.noise.factors)
 
 
 def _variances(prior: PoseBelief, new: Correction) -> FloatArray:
@@ -204,17 +194,9 @@ def _confirmed(confirmations: int, variances: FloatArray) -> int:
     return min(confirmations + 1, CONFIRMATIONS) if (variances <= _VAGUE).all() else 0
 
 
-def _statistics(track: PoseTrack, new: Correction) -> dict[str, Any]:
-    """Returns what the innovation of a measurement changes, whether it is used or not."""
+def _innovation_squared(new: Correction) -> FloatArray:
     squares = (new.belief.weights @ new.squares).tolist()
-    rotation, translation = sum(squares[:3]), sum(squares[3:])
-    excess = min(track.noise_factor * (rotation + translation) / 6, _LARGEST_EXCESS)
-    excess = _running(track.excess, excess)
-    return {
-        "excess": excess,
-        "noise_factor": excess if excess > _TOLERATED_EXCESS else 1.0,
-        "innovation_squared": np.array([translation, rotation]),
-    }
+    return np.array([sum(squares[3:]), sum(squares[:3])])
 
 
 def _moves(belief: PoseBelief) -> bool:
@@ -243,12 +225,17 @@ def _inserted(
     is_later = track.steps[:, 0] > belief.time
     rows = [np.concatenate([seen, pack(belief)])]
     for later in track.steps[is_later, :MEASUREMENT_SIZE]:
-        prior, new = _step(belief, unpack_measurement(later), settings, track.noise_factor)
+        measurement = _equivalent(belief, unpack_measurement(later), settings)
+        prior, new = _step(belief, measurement, settings, track)
         confirmations, belief = _confirmed(confirmations, _variances(prior, new)), new.belief
         rows.append(np.concatenate([later, pack(belief)]))
     confirmations = max(confirmations, track.confirmations)
+    steps = np.vstack([track.steps[~is_later], *rows])[1:]
+    newest = steps[-POSES:, :MEASUREMENT_SIZE]
+    measurements = [unpack_measurement(row) for row in newest if row[0] > -np.inf]
     return {
-        "steps": np.vstack([track.steps[~is_later], *rows])[1:],
+        "steps": steps,
+        "noise": track.noise.replayed(measurements, settings.noise.variances),
         "confirmations": confirmations,
         "confirmed_at": belief.time if confirmations == CONFIRMATIONS else track.confirmed_at,
         "verdict": MeasurementVerdict.USED_LATE,
@@ -266,7 +253,8 @@ def _refused(
     belief, support = first_belief(measurement, settings.noise, settings.p_OCoM), 1
     if -math.inf < track.alternative[0] < measurement.time:
         earlier = unpack_belief(track.alternative)
-        _, new = _step(earlier, measurement, settings, track.noise_factor)
+        measurement = _equivalent(earlier, measurement, settings)
+        _, new = _step(earlier, measurement, settings, track)
         if np.add.reduce(new.squares, axis=1).min() <= settings.gate_squared:
             belief, support = new.belief, track.support + 1
     if support < SUPPORT:

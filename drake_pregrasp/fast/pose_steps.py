@@ -262,7 +262,7 @@ def compiled_filter_step(
     measurement: PoseMeasurement,
     noise: PoseFilterNoise,
     p_OCoM: FloatArray | None = None,
-    noise_factor: float = 1.0,
+    noise_factors: FloatArray | None = None,
 ) -> tuple[PoseBelief, Correction]:
     """See `filter_step`."""
     k, dt = len(earlier.weights), measurement.time - earlier.time
@@ -270,6 +270,7 @@ def compiled_filter_step(
         raise InvalidArgumentError(f"a belief cannot be predicted {dt} s back in time")
     weights, R, x = np.empty((2, k)), np.empty((2, k, 3, 3)), np.empty((2, k, 12))
     P, y = np.empty((2, k, 12, 12)), np.empty((2, k, 6))
+    variances = noise.variances if noise_factors is None else noise_factors * noise.variances
     weights[0], R[0], P[0] = earlier.weights, earlier.R_WO, earlier.P
     x[0, :, 3:6], x[0, :, 6:] = earlier.p_WCoM, earlier.V_WCoM
     write_step(
@@ -284,7 +285,7 @@ def compiled_filter_step(
         noise.manoeuvre_rate,
         noise.gravity,
         noise.densities,
-        (noise_factor * noise.orientation**2, noise_factor * noise.position**2),
+        tuple(variances.tolist()),
     )
     prior, posterior = (
         PoseBelief(measurement.time, weights[i], R[i], x[i, :, 3:6], x[i, :, 6:], P[i])

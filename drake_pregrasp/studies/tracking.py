@@ -144,6 +144,7 @@ FAULTS: Mapping[str, MeasurementFaults] = {
     "delay of 50 ms": MeasurementFaults(delay=0.05),
     "delay of 100 ms": MeasurementFaults(delay=0.1),
     "delay of 0 to 100 ms, out of sequence": MeasurementFaults(jitter=0.1, out_of_order=True),
+    "noise three times as large as assumed": MeasurementFaults(noise_factor=3),
     "30 % outliers": MeasurementFaults(outlier_probability=0.3),
     "dropouts of 0.2 s, once a second": MeasurementFaults(dropout_rate=1, dropout_duration=0.2),
     "half of the measurements turned by 180°": MeasurementFaults(),

@@ -199,11 +199,11 @@ def test_candidates_of_another_surface_are_refused():
     rate=st.sampled_from([0.0, 1e-3, 1.0, 60.0]),
     gravity=st.sampled_from([0.0, 9.81]),
     has_com=st.booleans(),
-    noise_factor=st.sampled_from([1.0, 3.0]),
+    noise_factors=st.sampled_from([None, np.array([2.0, 3.0])]),
     manoeuvre_rate=st.sampled_from([0.0, 0.5]),
 )
 def test_a_step_of_the_pose_filter_equals_the_reference(
-    seed, rate, gravity, has_com, noise_factor, manoeuvre_rate
+    seed, rate, gravity, has_com, noise_factors, manoeuvre_rate
 ):
     rng = np.random.default_rng(seed)
     noise = PoseFilterNoise(1e-3, 0.01, 0.3, 2.0, 0.1, 1.0, gravity, 3.0, 9.0, manoeuvre_rate)
@@ -215,7 +215,7 @@ def test_a_step_of_the_pose_filter_equals_the_reference(
         if belief is None:
             belief = first_belief(measurement, noise, p_OCoM)
         else:
-            own = belief, measurement, noise, p_OCoM, noise_factor
+            own = belief, measurement, noise, p_OCoM, noise_factors
             prior, new = filter_step(*own)
             fast_prior, fast_new = COMPILED.filter_step(*own)
             _are_equal(fast_prior, prior)

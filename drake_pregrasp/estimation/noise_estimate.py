@@ -1,0 +1,98 @@
+"""Estimate of the sensor's noise from the measurements alone, whatever the object's motion is.
+
+Fourth differences of poses remove a motion with a constant jerk, and leave the noise.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.estimation.pose_belief import PoseMeasurement
+from drake_pregrasp.geometry.rotations import rotation_vector
+
+POSES = 5
+"""Number of poses in a fourth difference."""
+
+_SQUARES = 15  # Fourth differences in the median.
+_MEDIAN = 0.789  # Median of a chi-square number with 3 degrees of freedom over 3.
+_TOLERATED = 2.5  # Variance over the assumed one that may be chance, or the motion's.
+_MOST = 25.0  # Largest variance over the assumed one that is believed.
+_CLOSEST = 1e-6  # Times that differ by less, in seconds, do not tell a difference.
+_NO_POSES = np.full((POSES, 7), np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseEstimate:
+    """Newest poses that were measured in time, and the fourth differences of such poses.
+
+    Attributes:
+        poses: Time, orientation relative to the newest one as a sum of rotation vectors, and
+            position of each pose, oldest first, shape (5, 7); NaN if missing.
+        squares: Mean square of the coordinates of each fourth difference, over its expectation with
+            the assumed noise, of orientation and position, oldest first, shape (15, 2); missing
+            ones are 0.
+    """
+
+    poses: FloatArray
+    squares: FloatArray
+
+    @staticmethod
+    def empty() -> "NoiseEstimate":
+        """Returns the estimate before the first measurement."""
+        return NoiseEstimate(_NO_POSES, np.zeros((_SQUARES, 2)))
+
+    @property
+    def ratios(self) -> FloatArray:
+        """Variances of measured orientation and position over the assumed ones, shape (2,).
+
+        As medians they bear outliers and sudden changes of the motion. They are 0 while too few
+        measurements are known.
+        """
+        return np.asarray(np.sort(self.squares, axis=0)[_SQUARES // 2] / _MEDIAN)
+
+    @property
+    def factors(self) -> FloatArray:
+        """Factors on the assumed variances: 1 unless the ratio is clearly larger, shape (2,)."""
+        ratios = self.ratios
+        return np.where(ratios > _TOLERATED, np.minimum(ratios, _MOST), 1.0)
+
+    def replayed(
+        self, measurements: list[PoseMeasurement], variances: FloatArray
+    ) -> "NoiseEstimate":
+        """Returns the estimate after an out-of-sequence measurement.
+
+        Args:
+            measurements: The measurements in memory with the new one, oldest first.
+            variances: Assumed variances of a measured orientation and position.
+        """
+        noise, newest = replace(self, poses=_NO_POSES), measurements[-POSES:]
+        for before, measurement in zip([newest[0], *newest], newest, strict=False):
+            noise = noise.updated(before, measurement, variances)
+        return noise
+
+    def updated(
+        self, before: PoseMeasurement, measurement: PoseMeasurement, variances: FloatArray
+    ) -> "NoiseEstimate":
+        """Returns the estimate after a measurement.
+
+        The differences are divided ones, so that the measurements need not be equally spaced.
+
+        Args:
+            before: The measurement before.
+            measurement: The new measurement.
+            variances: Assumed variances of a measured orientation and position.
+        """
+        poses = np.empty_like(self.poses)
+        poses[:-1], poses[-1, 0], poses[-1, 4:] = self.poses[1:], measurement.time, measurement.p_WO
+        poses[:-1, 1:4] -= rotation_vector(measurement.R_WO @ before.R_WO.T)
+        poses[-1, 1:4] = 0.0
+        times = poses[:, 0]
+        gaps = times[:, None] - times
+        if not np.diag(gaps, -1).min() > _CLOSEST:  # Also if a pose is missing.
+            return NoiseEstimate(poses, self.squares)
+        np.fill_diagonal(gaps, 1.0)
+        weights = 1 / gaps.prod(axis=1)
+        parts = (weights @ poses[:, 1:]).reshape(2, 3)
+        square = (parts * parts).mean(axis=1) / ((weights @ weights) * variances)
+        return NoiseEstimate(poses, np.concatenate([self.squares[1:], square[None]]))
