@@ -15,6 +15,7 @@ POSES = 5
 """Number of poses in a fourth difference."""
 
 _SQUARES = 15  # Fourth differences in the median.
+_LEAST = 5  # The same at least.
 _MEDIAN = 0.789  # Median of a chi-square number with 3 degrees of freedom over 3.
 _TOLERATED = 2.5  # Variance over the assumed one that may be chance, or the motion's.
 _MOST = 25.0  # Largest variance over the assumed one that is believed.
@@ -30,8 +31,8 @@ class NoiseEstimate:
         poses: Time, orientation relative to the newest one as a sum of rotation vectors, and
             position of each pose, oldest first, shape (5, 7); NaN if missing.
         squares: Mean square of the coordinates of each fourth difference, over its expectation with
-            the assumed noise, of orientation and position, oldest first, shape (15, 2); missing
-            ones are 0.
+            the assumed noise, of orientation and position, oldest first, shape (15, 2); NaN if
+            missing.
     """
 
     poses: FloatArray
@@ -40,7 +41,7 @@ class NoiseEstimate:
     @staticmethod
     def empty() -> "NoiseEstimate":
         """Returns the estimate before the first measurement."""
-        return NoiseEstimate(_NO_POSES, np.zeros((_SQUARES, 2)))
+        return NoiseEstimate(_NO_POSES, np.full((_SQUARES, 2), np.nan))
 
     @property
     def ratios(self) -> FloatArray:
@@ -49,7 +50,10 @@ class NoiseEstimate:
         As medians they bear outliers and sudden changes of the motion. They are 0 while too few
         measurements are known.
         """
-        return np.asarray(np.sort(self.squares, axis=0)[_SQUARES // 2] / _MEDIAN)
+        known = self.squares[~np.isnan(self.squares[:, 0])]
+        if len(known) < _LEAST:
+            return np.zeros(2)
+        return np.asarray(np.sort(known, axis=0)[len(known) // 2] / _MEDIAN)
 
     @property
     def factors(self) -> FloatArray:
