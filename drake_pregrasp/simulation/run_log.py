@@ -139,18 +139,23 @@ class RunLog(CsvLog):
         self._predictions: deque[tuple[float, FloatArray]] = deque()
 
     def append(self, record: TickRecord) -> tuple[Any, ...]:
-        """Adds a tick, and returns the parts of its row, from which `table` computes the row."""
+        """Writes a tick, and returns its `row_parts`."""
+        parts = self.row_parts(record)
+        self.write(*parts)
+        return parts
+
+    def row_parts(self, record: TickRecord) -> tuple[Any, ...]:
+        """Returns the parts of the next tick's row, from which `table` computes the row."""
         now, before = _STEP_FIELDS(record), _STEP_FIELDS(self.last or record)
         parts = (*now, *before, *_OTHER_FIELDS(record), self._estimate_for(record))
         self.last = record
         if record.time < self._static_end:
             self.last_static = record
         self.tick_seconds.append(record.wall_seconds)
-        self.write(*parts)
         return parts
 
     def table(self, *parts: Any) -> FloatArray:
-        """Returns rows of `log.csv`, shape (rows, columns), given the parts from `append`.
+        """Returns rows of `log.csv`, shape (rows, columns), given the `row_parts`.
 
         Many rows at once take much less time than one by one.
         """

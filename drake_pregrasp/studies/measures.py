@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,7 +27,7 @@ DELAYS_MS = (25, 50, 100, 200)
 
 
 class SimulatedRun(NamedTuple):
-    """What measures are computed from.
+    """Records of a run, from which its measures are computed.
 
     Attributes:
         resolved: Scenario of the run.
@@ -86,12 +85,10 @@ def _planning(run: SimulatedRun) -> dict[str, Any]:
 def _log_columns(run: SimulatedRun) -> dict[str, FloatArray]:
     """Returns the columns of the run's `log.csv`."""
     lookahead = run.resolved.planner.estimator.lookahead
-    with TemporaryDirectory(prefix="drake_pregrasp_") as folder:
-        log = RunLog(Path(folder) / "log.csv", run.resolved.num_contacts, lookahead=lookahead)
-        with log:
-            for record in run.ticks:
-                log.append(record)
-        return dict(zip(log.columns, log.read(*log.columns), strict=True))
+    log = RunLog(Path("log.csv"), run.resolved.num_contacts, lookahead=lookahead)  # Not written.
+    rows = [log.row_parts(record) for record in run.ticks]
+    table = log.table(*zip(*rows, strict=True)) if rows else np.empty((0, len(log.columns)))
+    return dict(zip(log.columns, table.T, strict=True))
 
 
 def _motion_on_object(columns: Mapping[str, FloatArray], active: BoolArray) -> FloatArray:
@@ -149,7 +146,7 @@ def _faults(run: SimulatedRun) -> dict[str, Any]:
     is_off = (position > RECOVERED * sensor.position_std) | (
         orientation > RECOVERED * sensor.orientation_std
     )
-    recovery = 0.0
+    recovery = 0.0 if len(after) else np.nan
     if len(off := after[is_off[after]]):
         is_over = off[-1] + 1 < len(time)
         recovery = float(time[off[-1] + 1] - faults.end) if is_over else np.inf

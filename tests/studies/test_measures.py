@@ -61,6 +61,13 @@ def test_errors_count_while_the_fault_acts_and_recovery_after_it():
     assert found(offset=lambda t: 3.9 * SCENARIO.sensor.position_std).recovery == 0
 
 
+def test_a_run_that_ends_with_the_fault_has_no_recovery():
+    ticks = [record for record in records() if record.time < SCENARIO.sensor.faults.end - 0.01]
+    values = measure(SimulatedRun(RESOLVED, ticks, None), NAMES)
+    assert values["fault_position_error"] < 1e-9
+    assert math.isnan(values["fault_recovery"])
+
+
 def test_contacts_off_the_estimated_object_are_not_valid():
     assert found(off_surface=lambda t: 0.001 * (t > 15)).valid_share == pytest.approx(301 / 401)
     lost = found(off_surface=lambda t: np.nan if t > 15 else 0)
