@@ -82,8 +82,8 @@ def test_a_stationary_hand_withdraws_fingers_that_would_be_near_obstacles(close)
 class Reactive(Driven):
     """A reactive choice of a grasp of a cube at the origin of W, whose inputs can be changed."""
 
-    def __init__(self):
-        limits = LimitsConfig(tip_radii=[0.009] * 5, standoff=0.02, clearance=0.004)
+    def __init__(self, radii=(0.009,) * 5):
+        limits = LimitsConfig(tip_radii=[*radii], standoff=0.02, clearance=0.004)
         system = ReactiveChoice(FRAMES, target=TARGET, limits=limits, period=0.05)
         super().__init__(system, X_WO_estimated=RigidTransform(), contact_weights=np.zeros(5))
         self.fix(obstacles=Obstacles(), p_WT=self.tips(0.0))
@@ -116,6 +116,18 @@ def test_the_nearest_antipodal_grasp_is_chosen_by_three_fingers():
     inward = {finger: X_WC.rotation().matrix()[:, 2] for finger, X_WC in contacts.items()}
     np.testing.assert_allclose([inward[0], -inward[2], -inward[3]], [[-1, 0, 0]] * 3, atol=1e-9)
     assert status[[1, 4]].tolist() == [ContactStatus.INACTIVE] * 2
+
+
+@pytest.mark.parametrize(("side", "is_free"), [(1, [0, 1, 1, 1, 1]), (-1, [1, 1, 0, 0, 1])])
+def test_each_finger_of_a_grasp_has_room_for_its_own_fingertip(side, is_free):
+    """Finger 0 is over the face +x, fingers 2 and 3 over -x; there is no room for a large one."""
+    wall = HalfSpace(np.array([0.095 * side, 0.0, 0.0]), np.array([-1.0 * side, 0.0, 0.0]))
+    for large, free in enumerate(is_free):
+        reactive = Reactive(np.where(np.arange(5) == large, 0.012, 0.009))
+        reactive.fix(obstacles=Obstacles([wall]))
+        contacts, _ = reactive.choose()
+        faces = [int(np.argmax(np.abs(contacts[finger].translation()))) for finger in (0, 2)]
+        assert (faces == [0, 0]) == bool(free)
 
 
 @pytest.mark.parametrize(

@@ -29,9 +29,13 @@ from drake_pregrasp.geometry.solids import SignedDistance
 from drake_pregrasp.regions.constraints import Limit, RegionConstraints
 from drake_pregrasp.systems.ports import BUS, OBSTACLES, POSE, declare_output, pose_bus
 
+SWITCH_MARGIN = 0.03
+"""Cost by which another grasp must be better, in metres."""
+
+ANGLE_COST = 0.1
+"""Cost of an angle, in metres per radian."""
+
 _RING_RADIUS = 0.092  # Least radius on which a stationary hand's fingertips wait, in metres.
-SWITCH_MARGIN = 0.03  # Cost by which another grasp must be better, in metres.
-ANGLE_COST = 0.1  # Cost of an angle, in metres per radian.
 _SPREAD = 0.02  # Distance of the two fingers from the point opposite the thumb, in metres.
 _SHIFT = 0.02  # Distance of grasps beside the middle of the object, in metres.
 _EDGE = 0.0125  # Least distance of a contact from the ends of the object, in metres.
@@ -348,11 +352,13 @@ class ReactiveChoice(_GoalsWithoutPlanner):
         if not len(self._p_OC):
             return
         p_WC, nhat_WC = self._contacts(context)
-        # All fingertips are alike, so what the obstacles permit to one they permit to all.
-        permitted = self._permitted(context, 0, p_WC.reshape(-1, 3), nhat_WC.reshape(-1, 3))
+        contacts = p_WC.reshape(-1, 3), nhat_WC.reshape(-1, 3)
+        fingers = range(self._weights.size())
+        permitted = np.array([self._permitted(context, f, *contacts) for f in fingers])
+        permitted = permitted.reshape(len(fingers), -1, 3)  # By finger, grasp and its contact.
         p_WT = np.reshape(self._p_WT.Eval(context), (-1, 3))
         there = ~np.isneginf(self._weights.Eval(context))[self._sets].any(axis=1)
-        possible = there[:, None] & permitted.reshape(-1, 3).all(axis=1)
+        possible = there[:, None] & permitted[self._sets, :, np.arange(3)].all(axis=1)
         costs = np.where(possible, grasp_costs(p_WT[self._sets], p_WC), np.inf).ravel()
         before, best = int(context.get_discrete_state(self._chosen)[0]), int(np.argmin(costs))
         kept = before >= 0 and costs[before] <= costs[best] + SWITCH_MARGIN
