@@ -133,10 +133,10 @@ def test_the_margin_is_between_those_of_pyramids_inside_and_around_the_cones(mod
         assert margin == pytest.approx(expected, abs=0.05)
 
 
-@settings(max_examples=30)
+@settings(max_examples=15)
 @cases
-def test_the_radius_is_the_least_support_of_the_primitive_wrenches(seed, n):
-    """In no direction do the wrenches reach less far, and in none of random ones much less."""
+def test_the_radius_is_between_those_of_random_directions_and_of_pyramids_inside(seed, n):
+    """Wrenches reach as far in all directions, and a ball inside pyramids is inside the cones."""
     r, nhat = on_box(seed, n)
     B = friction_cones(r, nhat, 0.7, "hard_finger", 0)
     B[:, 3:] /= 0.05
@@ -146,7 +146,8 @@ def test_the_radius_is_the_least_support_of_the_primitive_wrenches(seed, n):
     support = np.max(g[..., 0] + np.hypot(g[..., 1], g[..., 2]), axis=1)
     radius = ball_radius(r, nhat, 0.7)
     assert radius <= max(np.min(support), 0) + 1e-12
-    assert radius <= np.sqrt(1 + 0.7**2)
+    hull = ConvexHull(pyramids(r, nhat, 0.7, "hard_finger", 4).T, qhull_options="QJ")
+    assert radius >= float(-np.max(hull.equations[:, -1])) - 1e-6
 
 
 @pytest.mark.slow
