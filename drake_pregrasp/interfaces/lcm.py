@@ -1,5 +1,6 @@
 """Poses in and commands out as LCM messages, in Drake's own types."""
 
+import contextlib
 import logging
 import math
 import time
@@ -18,9 +19,11 @@ from pydrake.systems.lcm import LcmPublisherSystem, LcmSubscriberSystem, PySeria
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.estimation.recorded_poses import MAX_DISTANCE, QUATERNION_TOLERANCE
+from drake_pregrasp.estimation.recorded_poses import check_pose
 
 POSE_CHANNEL = "OBJECT_POSE"
+"""Default channel of `AddPoseSubscriber`, with `lcmt_scope` messages."""
+
 ALLEGRO_CHANNEL = "ALLEGRO_COMMAND"
 """Channel on which drivers of Drake's examples listen to `lcmt_allegro_command`."""
 
@@ -102,15 +105,12 @@ class PoseReceiver(LeafSystem):
 
     def _calc_pose(self, context: Context, output: AbstractValue) -> None:
         values = np.array(self._message.Eval(context).value)
-        is_pose = (
-            values.shape == (7,)
-            and np.all(np.abs(values) <= MAX_DISTANCE)
-            and abs(np.linalg.norm(values[3:]) - 1) < QUATERNION_TOLERANCE
-        )
         X_WO = RigidTransform([math.nan] * 3)
-        if is_pose:
-            wxyz = values[3:] / np.linalg.norm(values[3:])
-            X_WO = RigidTransform(RotationMatrix(Quaternion(wxyz)), values[:3])
+        if values.shape == (7,) and np.all(np.isfinite(values)):
+            with contextlib.suppress(InvalidArgumentError):
+                check_pose("message", [0.0, *values], previous=-math.inf)
+                wxyz = values[3:] / np.linalg.norm(values[3:])
+                X_WO = RigidTransform(RotationMatrix(Quaternion(wxyz)), values[:3])
         output.set_value(X_WO)
 
     def _newest(self, context: Context) -> FloatArray:

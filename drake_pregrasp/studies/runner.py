@@ -20,7 +20,7 @@ from drake_pregrasp.simulation.output import (
     write_text,
     writing,
 )
-from drake_pregrasp.studies.package_digest import package_digest
+from drake_pregrasp.studies.package_digest import different, package_digest
 from drake_pregrasp.studies.workers import Failure, call_for_all
 
 ROWS = "rows.csv"
@@ -220,17 +220,13 @@ def _check_settings(path: Path, settings: Mapping[str, Any]) -> None:
     with reading_back(path):
         text = path.read_text(encoding="utf-8")
     try:
-        different = ", ".join(_differences(dict(json.loads(text)), ours))
+        both = dict(json.loads(text)), ours
+        by_path = (pd.json_normalize(settings).iloc[0].to_dict() for settings in both)
+        names = ", ".join(different(*by_path))
     except (ValueError, TypeError) as error:
         raise OutputError(f"{path}: has no settings of a study; {_ANOTHER}") from error
-    if different:
-        raise OutputError(f"{path}: has rows of other settings ({different}); {_ANOTHER}")
-
-
-def _differences(theirs: dict[str, Any], ours: dict[str, Any]) -> list[str]:
-    """Returns the dotted paths of the settings that differ."""
-    flat = [pd.json_normalize(settings).iloc[0].to_dict() for settings in (theirs, ours)]
-    return [name for name in sorted({*flat[0], *flat[1]}) if flat[0].get(name) != flat[1].get(name)]
+    if names:
+        raise OutputError(f"{path}: has rows of other settings ({names}); {_ANOTHER}")
 
 
 def _module_of(function: Any) -> str:

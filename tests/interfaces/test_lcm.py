@@ -110,6 +110,9 @@ def test_poses_of_messages_are_measured_when_they_come(lcm):
         send_pose(lcm, 8, 0.0, bad)
         loop.advance(1)
         assert np.all(np.isnan(loop.value(loop.poses, "X_WO_measured").translation()))
+    send_pose(lcm, 9, 250.0)  # In millimetres.
+    loop.advance(1)
+    assert np.all(np.isnan(loop.value(loop.poses, "X_WO_measured").translation()))
 
 
 def test_commands_are_drakes_and_wait_for_a_pose(lcm):
