@@ -72,6 +72,9 @@ def add_moving_object(
             back after the push, so that it leaves them room.
         holds_pose: Whether the pose of a time step is held until the next one (`BodyPose`), for
             ticks whose times equal those of time steps only up to rounding.
+
+    Returns:
+        The plant, its scene graph, and the output port of the object's pose X_WO.
     """
     if isinstance(motion, PoseStream):
         return _add_replay(builder, shape, mass, motion, plant_config)

@@ -1,4 +1,4 @@
-"""Which objects fit a hand."""
+"""Objects that fit a hand, by its opening and their widths."""
 
 import itertools
 

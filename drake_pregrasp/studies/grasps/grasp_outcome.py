@@ -15,11 +15,17 @@ from drake_pregrasp.studies.grasps.failure_cause import failure_cause, tilt_deg
 from drake_pregrasp.systems.loggers import GraspRecord
 
 LIFTED_ABOVE_MM = 80.0
+"""Height that a lifted object exceeds, in millimetres."""
+
 LEVEL_BELOW_DEG = 20.0
-# Least force of a link that counts as touch, the same as that of a fingertip. To slide the object
-# of the study over the turntable takes some six times as much.
+"""Bound of the tilt of a level object, in degrees."""
+
 TOUCHING_N = GraspConfig.touch_force
-# Bounds of a clean grasp on measures of an `Outcome`.
+"""Least force of a link that counts as touch, in newtons, the same as that of a fingertip.
+
+To slide the object of the study over the turntable takes some six times as much.
+"""
+
 CLEAN_BELOW = {
     "link_on_object_n": TOUCHING_N,
     "link_on_surroundings_n": TOUCHING_N,
@@ -29,6 +35,7 @@ CLEAN_BELOW = {
     "pushed_closing_mm": 5.0,
     "slip_mm": 5.0,
 }
+"""Bounds of a clean grasp on measures of an `Outcome`."""
 
 HELD_IN_WORDS = (
     f"An object is held if it was lifted by more than {LIFTED_ABOVE_MM:g} mm and is still there"
@@ -36,7 +43,6 @@ HELD_IN_WORDS = (
 )
 """Definition of a held object for the report."""
 
-# Definition of a clean grasp for the report.
 CLEAN_IN_WORDS = (
     f"A grasp is clean if the object is lifted by more than {LIFTED_ABOVE_MM:g} mm and tilted by"
     f" less than {LEVEL_BELOW_DEG:g}°, slips by less than {CLEAN_BELOW['slip_mm']:g} mm, and was"
@@ -45,6 +51,7 @@ CLEAN_IN_WORDS = (
     f" {CLEAN_BELOW['pushed_closing_mm']:g} mm in closing; and if no link other than a fingertip"
     f" ever touched anything with {TOUCHING_N:g} N or more."
 )
+"""Definition of a clean grasp for the report."""
 
 Status = tuple[int, ...]
 """`ContactStatus` of each finger at one tick of the planner."""
