@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatAnimation
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, System
 
 from drake_pregrasp.arrays import tick_index
@@ -23,7 +23,7 @@ from drake_pregrasp.simulation.recording import camera_view, make_timeline, reco
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario, resolve_scenario
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import dump_scenario
-from drake_pregrasp.simulation.simulation_diagram import make_diagram
+from drake_pregrasp.simulation.simulation_diagram import make_diagram, make_simulator
 from drake_pregrasp.systems.loggers import TickRecord
 
 RECORDED = 600.0
@@ -230,8 +230,7 @@ class LiveRun:
             camera=self._camera,
             continues=self._diagram,
         )
-        simulator = Simulator(self._diagram)
-        ApplySimulatorConfig(self.scenario.simulator_config, simulator)
+        simulator = make_simulator(self._diagram, self.scenario)
         simulator.set_target_realtime_rate(1.0)
         return simulator
 

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
 from drake_pregrasp.errors import InvalidArgumentError, OutputError, ScenarioError
@@ -33,7 +32,7 @@ from drake_pregrasp.simulation.run_log import GraspLog, RunLog, static_end
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_check import check_recording
 from drake_pregrasp.simulation.scenario_file import dump_scenario, resolve
-from drake_pregrasp.simulation.simulation_diagram import make_diagram
+from drake_pregrasp.simulation.simulation_diagram import make_diagram, make_simulator
 from drake_pregrasp.simulation.summary import plot_metrics, summarize, summarize_grasp
 from drake_pregrasp.simulation.yaml_text import MAX_BYTES
 from drake_pregrasp.systems.drawing import contact_color
@@ -254,8 +253,7 @@ class LoggedRun:
         Raises:
             OutputError: If a log cannot be written.
         """
-        simulator = Simulator(self.diagram)
-        ApplySimulatorConfig(self._scenario.simulator_config, simulator)
+        simulator = make_simulator(self.diagram, self._scenario)
         stopped = False
 
         def monitor(context: Context) -> EventStatus:

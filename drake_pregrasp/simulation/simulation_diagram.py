@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from drake_pregrasp.diagrams.grasping_hand import GoalSource, GraspingHand, add_grasping_hand
@@ -89,6 +90,18 @@ def make_diagram(
     diagram = builder.Build()
     diagram.set_name("pregrasp_simulation")
     return diagram
+
+
+def make_simulator(diagram: Diagram, scenario: Scenario) -> Simulator:
+    """Returns a simulator of a diagram with the settings of a scenario.
+
+    Args:
+        diagram: Diagram from `make_diagram`, or one that contains it.
+        scenario: Scenario with the settings.
+    """
+    simulator = Simulator(diagram)
+    ApplySimulatorConfig(scenario.simulator_config, simulator)
+    return simulator
 
 
 def _contact_weights(resolved: ResolvedScenario) -> ContactWeights:

@@ -333,7 +333,8 @@ def _check_closing_times(study: Study, key: str, condition: Condition) -> None:
         raise ScenarioError(source, where, f"{times}: sort them")
     if "held" not in study.config.measures:
         raise ScenarioError(source, "measures", "lack held, which a study with closing times needs")
-    changed = [f for axis in (*study.grid, *study.random[key]) for f in axis.fields]
+    axes: list[Axis] = [*study.grid, *study.random[key]]
+    changed = [field for axis in axes for field in axis.fields]
     for method in study.methods.values():
         changed += [f for f, value in walk(method.overrides) if not isinstance(value, Mapping)]
     if not base["hand"]["file"] and not any(overlap(field, "hand.file") for field in changed):

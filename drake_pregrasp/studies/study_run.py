@@ -5,14 +5,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
 from drake_pregrasp.errors import InvalidArgumentError, NoGraspError, ScenarioError, one_line
 from drake_pregrasp.simulation.hand_file import load_hand, made_hand
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario, resolve_scenario
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import scenario_from_data
-from drake_pregrasp.simulation.simulation_diagram import make_diagram
+from drake_pregrasp.simulation.simulation_diagram import make_diagram, make_simulator
 from drake_pregrasp.studies.grasps.fitting_objects import fits, opening
 from drake_pregrasp.studies.grasps.goal_sources import RegisteredSource
 from drake_pregrasp.studies.grasps.grasp_trial import GraspTrial
@@ -134,7 +133,6 @@ class StudyRun:
 def simulated(resolved: ResolvedScenario) -> SimulatedRun:
     """Simulates a scenario without a hand."""
     ticks: list[TickRecord] = []
-    simulator = Simulator(make_diagram(resolved, sink=ticks.append))
-    ApplySimulatorConfig(resolved.scenario.simulator_config, simulator)
+    simulator = make_simulator(make_diagram(resolved, sink=ticks.append), resolved.scenario)
     simulator.AdvanceTo(resolved.scenario.simulation_duration)
     return SimulatedRun(resolved, ticks, None)

@@ -201,6 +201,11 @@ class GraspSequencer(LeafSystem):
         output("V_WO_held", ports.VELOCITY, self._calc_V_WO_held, held)
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._advance)
 
+    def state(self, context: Context) -> GraspState:
+        """Returns the stored state of the grasp."""
+        memory: _Memory = self._memory.Eval(context)
+        return memory.state
+
     def _calc_memory(self, context: Context) -> _Memory:
         stored = [context.get_discrete_state(i).value() for i in range(3)]
         state, last, p_GT = self._unpack(stored[0]), _unpack_motion(stored[1]), stored[2].copy()

@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, LeafSystem
 
 from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.run import LoggedRun
 from drake_pregrasp.simulation.scenario_file import load_resolved
+from drake_pregrasp.simulation.simulation_diagram import make_simulator
 from drake_pregrasp.studies.bench.tick_times import chosen, implementations, tick_columns
 
 _TURN, _WARM_UP = 20, 3  # Planning ticks of a turn, and its first ones, which do not count.
@@ -89,8 +89,7 @@ class _TimedRun:
         builder, self._period = DiagramBuilder(), scenario.planner.period
         self.timer = builder.AddSystem(_TickTimer(logged.diagram, self._period))
         builder.AddSystem(logged.diagram)
-        self._simulator = Simulator(builder.Build())
-        ApplySimulatorConfig(scenario.simulator_config, self._simulator)
+        self._simulator = make_simulator(builder.Build(), scenario)
         self._simulator.set_target_realtime_rate(0)
         self.timer.root_context = self._simulator.get_context()
         self.seconds: list[float] = []

@@ -10,12 +10,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from scipy.stats import linregress
 
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.simulation.scenario_file import load_scenario
-from drake_pregrasp.simulation.simulation_diagram import make_diagram
+from drake_pregrasp.simulation.simulation_diagram import make_diagram, make_simulator
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
 from drake_pregrasp.systems.loggers import TickRecord
 
@@ -55,8 +54,7 @@ def soak(
         measures = (quality.q_msv, quality.q_gii, quality.q_vew)
         total[:] += np.array([1, *measures, np.linalg.norm(error), active])
 
-    simulator = Simulator(make_diagram(config, sink=add))
-    ApplySimulatorConfig(config.simulator_config, simulator)
+    simulator = make_simulator(make_diagram(config, sink=add), config)
     simulator.Initialize()  # The tick at time zero is of no hour.
     found = []
     for index in range(hours):

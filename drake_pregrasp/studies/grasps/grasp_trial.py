@@ -4,13 +4,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, DiagramBuilder, System
 
 from drake_pregrasp.diagrams.grasping_hand import GoalInputs
-from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState, state_unpacker
+from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
-from drake_pregrasp.simulation.simulation_diagram import make_diagram
+from drake_pregrasp.simulation.simulation_diagram import make_diagram, make_simulator
 from drake_pregrasp.studies.grasps.baseline_goals import StationaryHand
 from drake_pregrasp.studies.grasps.goal_sources import RegisteredSource
 from drake_pregrasp.studies.grasps.grasp_outcome import Outcome, Status, grasp_outcome
@@ -63,8 +62,7 @@ class GraspTrial:
             goals=None if source is None else goals,
         )
         self.goals = added[0] if added else self.diagram.GetSubsystemByName("pregrasp_planner")
-        self._simulator = Simulator(self.diagram)
-        ApplySimulatorConfig(resolved.scenario.simulator_config, self._simulator)
+        self._simulator = make_simulator(self.diagram, resolved.scenario)
         self.context = self._simulator.get_mutable_context()
         self.command(self.context, np.inf)
 
@@ -115,9 +113,8 @@ class GraspTrial:
                 break
         controller = self.diagram.GetSubsystemByName("hand_controller")
         sequencer = controller.GetSubsystemByName("grasp_sequencer")
-        context = sequencer.GetMyContextFromRoot(self.context)
-        unpack = state_unpacker(self.resolved.num_contacts)
-        return unpack(context.get_discrete_state(0).value())
+        state: GraspState = sequencer.state(sequencer.GetMyContextFromRoot(self.context))
+        return state
 
     def _advance(self) -> None:
         """Advances to the exact time of the next planning tick, so that the planner runs once."""
