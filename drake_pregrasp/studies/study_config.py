@@ -31,8 +31,9 @@ class Condition:
     # Random axes besides those of the study, or instead of those with the same name.
     random: dict[str, Any] = field(default_factory=dict)
 
-    # Times at which the hand is told to close, in ascending order, in seconds. All grasps follow
-    # from one tracking run. By default, the hand closes at `grasp.close_at` of the scenario.
+    # Times at which the hand is told to close, in ascending order, in seconds, at ticks of the
+    # planner. All grasps follow from one tracking run. By default, the hand closes at
+    # `grasp.close_at` of the scenario.
     closing_times: list[float] = field(default_factory=list, metadata=_TIMES)
 
 

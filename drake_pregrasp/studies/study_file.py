@@ -337,7 +337,7 @@ def _check_closing_times(study: Study, key: str, condition: Condition) -> None:
     changed = [field for axis in axes for field in axis.fields]
     for method in study.methods.values():
         changed += [f for f, value in walk(method.overrides) if not isinstance(value, Mapping)]
-    if not base["hand"]["file"] and not any(overlap(field, "hand.file") for field in changed):
+    if not base["hand"].get("file") and not any(overlap(field, "hand.file") for field in changed):
         name = condition.scenario or study.config.scenario
         raise ScenarioError(source, where, f"{times}: the scenario {name} has no hand that closes")
     if not any(overlap(field, "planner.period") for field in changed):
