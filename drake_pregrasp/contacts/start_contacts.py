@@ -34,6 +34,8 @@ _STRONG = 2.0
 _NEIGHBOURS = 8  # Number of places near each contact that may hold more of the weight.
 _ENOUGH = 1.1  # Strength for the object's weight at which fingers that hold too little stop.
 _AWAY = -1  # Candidate of a finger that stays away.
+_DIGITS = 6  # Decimals of compared values: rounding must not choose between equal ones.
+_TIE = 10.0**-_DIGITS
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,10 +120,10 @@ def choose_start_contacts(
     coarse = _Search(surface, solid, hand, _COARSE, _COARSE_SWEEPS)
     fine = _Search(surface, solid, hand, _FINE, _FINE_SWEEPS)
     tried = [coarse.settled(yaw) for yaw in coarse.yaws()]
-    ranked = sorted(tried, key=lambda trial: -trial.bound)[:_FINALISTS]
+    ranked = sorted(tried, key=lambda trial: -round(trial.bound, _DIGITS))[:_FINALISTS]
     grasps = [grasp for trial in ranked if (grasp := fine.grasp_at(trial.yaw)) is not None]
     if grasps:
-        best = max(grasps, key=lambda grasp: (grasp.load >= 1, grasp.score))
+        best = max(grasps, key=lambda grasp: (grasp.load >= 1, round(grasp.score, _DIGITS)))
         if best.load < 1:
             best = fine.strengthened(max(grasps, key=lambda grasp: grasp.load))
         if best.load >= 1:
@@ -247,7 +249,8 @@ class _Search:
         for finger in np.argsort(np.sum(free, axis=1), kind="stable").tolist():
             choices = np.flatnonzero(free[finger] & self._has_room(finger, assigned))
             if assigned[finger] == _AWAY and len(choices):
-                assigned[finger] = choices[np.argmin(discomforts[finger, choices])]
+                least = discomforts[finger, choices]
+                assigned[finger] = choices[np.argmax(least <= np.min(least) + _TIE)]
         assigned_fingers, bound = np.flatnonzero(assigned != _AWAY), -np.inf
         for _ in range(self._sweeps):
             last = bound
@@ -257,7 +260,8 @@ class _Search:
                 discomfort = discomforts[finger, choices]
                 discomfort = discomfort + np.sum(discomforts[others, assigned[others]])
                 bounds = self._bounds(finger, assigned, choices) - discomfort / self._n
-                assigned[finger], bound = choices[np.argmax(bounds)], float(np.max(bounds))
+                bound = float(np.max(bounds))
+                assigned[finger] = choices[np.argmax(bounds >= bound - _TIE)]
             if bound <= last:
                 break
         return _Trial(yaw, assigned, bound + _FINGER * len(assigned_fingers))

@@ -65,7 +65,7 @@ class RunTimeline:
         self._title, self._obstacle_names = title, dict(obstacle_names or {})
         self._camera = dict(camera or {})
         self._colors = [hex_color(contact_color(i)) for i in range(num_contacts)]
-        self._static_end, self._time = static_end, 0.0
+        self._static_end, self._time, self._was_tracked = static_end, 0.0, False
         self._kinds: list[float] = [ContactStatus.INACTIVE] * num_contacts
         self.states: dict[str, str] = {}
         self._changes: list[tuple[float, str, str]] = []
@@ -77,7 +77,9 @@ class RunTimeline:
         self._time = time
         if before < self._static_end <= time:
             self.tell("contacts adapt")
-        self._set("object", _TRACKING[TrackingStatus(record.tracking_status)], is_event=time > 0)
+        status = TrackingStatus(record.tracking_status)
+        self._set("object", _TRACKING[status], is_event=self._was_tracked)
+        self._was_tracked |= status == TrackingStatus.TRACKING
         view = GraspQualityView(record.grasp_quality)
         for name in MEASURES:
             value = getattr(view, name)
