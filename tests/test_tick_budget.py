@@ -62,7 +62,7 @@ def test_a_planning_tick_of_the_base_case_is_small(monkeypatch: pytest.MonkeyPat
         simulator.AdvanceTo(context.get_time() + period)
         monitor.GetOutputPort("grasp_quality").Eval(monitor.GetMyContextFromRoot(context))
 
-    check(calls_of(tick), files=20, functions=79, count=334)
+    check(calls_of(tick), files=21, functions=81, count=350)
 
 
 @pytest.mark.slow
@@ -72,4 +72,4 @@ def test_a_control_tick_of_a_hand_is_small() -> None:
     for time in (2.011, 4.511, 5.211, 7.011):
         simulator.AdvanceTo(time)
         calls = calls_of(lambda end=time + 0.01: simulator.AdvanceTo(end))
-        check(calls, files=24, functions=81, count=146)
+        check(calls, files=24, functions=81, count=147)
