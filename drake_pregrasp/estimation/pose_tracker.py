@@ -33,6 +33,7 @@ _SLACK = 1e-6  # Seconds by which rounding may put a time ahead of the clock.
 _SILENCE = 100.0  # Seconds without a measurement after which rounding would spoil a correction.
 _VAGUE = np.repeat(np.square([0.1, 0.03]), 3)  # Variances of a pose that an outlier may confirm.
 _NOISY = 0.25  # Variance over the assumed one; that of a sensor without noise is below this.
+_UNLIKELY = 0.1  # Weight of the models that explain a measurement below which it may be an outlier.
 _AT_REST = 3.0  # Standard deviations up to which a velocity may be zero.
 
 
@@ -81,20 +82,25 @@ def update_track(
     measurement = _equivalent(earlier, measurement, settings)
     prior, new = _step(earlier, measurement, settings, track)
     variances = _variances(prior, new)
-    is_used = np.add.reduce(new.squares, axis=1).min() <= settings.gate_squared
+    explains = _explains(new, settings)
+    is_used = bool(explains.any())
+    is_doubted = is_used and track.confirmations == CONFIRMATIONS
+    is_doubted = is_doubted and not is_late and prior.weights[explains].sum() < _UNLIKELY
     changes: dict[str, Any] = {"last_seen": seen, "innovation_squared": _innovation_squared(new)}
     if is_late and is_used:
         confirmations = _confirmed(0, variances)
         changes |= _inserted(track, seen, new.belief, confirmations, settings)
     elif is_late:
         changes["verdict"] = MeasurementVerdict.OUTLIER
+    elif is_doubted:
+        changes |= _doubted(track, measurement, new.belief, settings)
     elif is_used:
         confirmations = _confirmed(track.confirmations, variances)
-        changes |= _used(track, measurement, new, confirmations, settings)
+        changes |= _used(track, measurement, new.belief, confirmations, settings)
     else:
         changes |= _refused(track, seen, measurement, settings)
     after = replace(track, **changes)
-    if is_used and not is_late:
+    if is_used and not (is_late or is_doubted):
         vars(after)["newest"] = new.belief  # Fills the cached property.
     return after
 
@@ -132,23 +138,60 @@ def _restarted(
 def _used(
     track: PoseTrack,
     measurement: PoseMeasurement,
-    new: Correction,
+    belief: PoseBelief,
     confirmations: int,
     settings: TrackerSettings,
 ) -> dict[str, Any]:
     """Returns what a measurement changes that continues the newest belief."""
     before = unpack_measurement(track.steps[-1, :MEASUREMENT_SIZE])
-    row = np.concatenate([pack(measurement), pack(new.belief)])[None]
+    row = np.concatenate([pack(measurement), pack(belief)])[None]
     return {
         "steps": np.concatenate([track.steps[1:], row]),
         "alternative": track.none,
         "support": 0,
         "refused": 0,
         "confirmations": confirmations,
-        "confirmed_at": new.belief.time if confirmations == CONFIRMATIONS else track.confirmed_at,
+        "confirmed_at": belief.time if confirmations == CONFIRMATIONS else track.confirmed_at,
         "noise": track.noise.updated(before, measurement, settings.noise.variances),
         "verdict": MeasurementVerdict.USED,
     }
+
+
+def _doubted(
+    track: PoseTrack, measurement: PoseMeasurement, belief: PoseBelief, settings: TrackerSettings
+) -> dict[str, Any]:
+    """Returns what a measurement changes that only an unlikely model explains.
+
+    It may be an outlier or the start of a manoeuvre, so that it waits for the next one as the
+    alternative hypothesis. If the next one agrees with it, both are used.
+    """
+    if track.alternative[0] == -math.inf:
+        return _waiting(track, belief, SUPPORT - 1)
+    earlier = unpack_belief(track.alternative)
+    if not track.last_seen[0] == earlier.time < measurement.time:
+        return _used(track, measurement, belief, CONFIRMATIONS, settings)
+    second = _equivalent(earlier, measurement, settings)
+    prior, new = _step(earlier, second, settings, track)
+    if not _explains(new, settings).any():
+        return _waiting(track, belief, SUPPORT - 1)
+    first = _equivalent(track.newest, unpack_measurement(track.last_seen), settings)
+    between = replace(track, **_used(track, first, earlier, 1, settings))
+    return _used(between, second, new.belief, _confirmed(1, _variances(prior, new)), settings)
+
+
+def _waiting(track: PoseTrack, belief: PoseBelief, support: int) -> dict[str, Any]:
+    """Returns what a refused measurement changes that may begin something new."""
+    return {
+        "alternative": pack(belief),
+        "support": support,
+        "refused": track.refused + 1,
+        "verdict": MeasurementVerdict.OUTLIER,
+    }
+
+
+def _explains(new: Correction, settings: TrackerSettings) -> np.typing.NDArray[np.bool_]:
+    """Returns which models explain a measurement, shape (K,)."""
+    return np.asarray(np.add.reduce(new.squares, axis=1) <= settings.gate_squared)
 
 
 def _equivalent(
@@ -255,15 +298,10 @@ def _refused(
         earlier = unpack_belief(track.alternative)
         measurement = _equivalent(earlier, measurement, settings)
         _, new = _step(earlier, measurement, settings, track)
-        if np.add.reduce(new.squares, axis=1).min() <= settings.gate_squared:
+        if _explains(new, settings).any():
             belief, support = new.belief, track.support + 1
     if support < SUPPORT:
-        return {
-            "alternative": pack(belief),
-            "support": support,
-            "refused": track.refused + 1,
-            "verdict": MeasurementVerdict.OUTLIER,
-        }
+        return _waiting(track, belief, support)
     return {
         **_restarted(track, seen, belief, 1),
         "begun_at": belief.time,
