@@ -110,7 +110,7 @@ def palm_turn(
     It minimises the sum of squared distances between goals and fingertips at their own azimuths, at
     any common radius: a goal counts in proportion to its distance from the palm's axis, near which
     its azimuth means nothing. Otherwise a goal near the axis, such as one inside a bowl, would turn
-    the palm, the reach with it, and the goals with the reach, on and on.
+    the palm, the reach with it, and the goals with the reach, without end.
 
     Args:
         p_GT: Goals of the fingertips relative to the palm's axis z, shape (n, 3), in metres.

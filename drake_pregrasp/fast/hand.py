@@ -39,19 +39,19 @@ def write_pose(  # type: ignore[no-untyped-def]
 
     Args:
         q: Positions of the joints, shape (nq,).
-        S: `KinematicTree.screws`, and the next ones its other fields.
-        before: As the name says.
-        order: Indices of the joints, each after those before it, shape (nq,).
-        X_0: `KinematicTree.X_WB`.
-        moved_by: As the name says.
-        tip_bodies: As the name says.
-        p_BT: As the name says.
-        moves_tip: As the name says.
+        S: `KinematicTree.screws`, shape (6, nq).
+        before: `KinematicTree.before`, shape (nq,).
+        order: `KinematicTree.order`, shape (nq,).
+        X_0: `KinematicTree.X_WB`, shape (b, 3, 4).
+        moved_by: `KinematicTree.moved_by`, shape (b,).
+        tip_bodies: `KinematicTree.tip_bodies`, shape (n,).
+        p_BT: `KinematicTree.p_BT`, shape (n, 3), in metres.
+        moves_tip: `KinematicTree.moves_tip`, shape (n, nq).
         E: Memory for the motions of what each joint carries, shape (nq + 1, 3, 4).
-        X_WB: Result.
-        screws: Result.
-        p_WT: Result.
-        J_WT: Result.
+        X_WB: Result, shape (b, 3, 4).
+        screws: Result, shape (6, nq).
+        p_WT: Result, shape (n, 3), in metres.
+        J_WT: Result, shape (n, 3, nq).
     """
     nq, own = len(q), np.empty((3, 4))
     for row in range(3):
@@ -160,18 +160,18 @@ def write_clearances(  # type: ignore[no-untyped-def]
     """Writes the fields of `Clearances`, and returns the number of constraints.
 
     Args:
-        finger: As the next three, a field of `Links`.
-        is_tip: As the name says.
-        is_last: As the name says.
-        moves: As the name says.
-        link: As the next four, a field of `NearPairs`.
-        other: As the name says.
-        gaps: As the name says.
-        p: Points p_WC.
-        n: Normals.
-        screws: As the next two, an argument of `clearances`.
-        V: Motion of the object.
-        holding: As the name says.
+        finger: `Links.finger`, shape (m,).
+        is_tip: `Links.is_tip`, shape (m,).
+        is_last: `Links.is_last`, shape (m,).
+        moves: `Links.moves`, shape (m + 2, nq).
+        link: `NearPairs.link`, shape (k,).
+        other: `NearPairs.other`, shape (k,).
+        gaps: `NearPairs.gaps`, shape (k,), in metres.
+        p: `NearPairs.p_WC`, shape (k, 3), in metres.
+        n: `NearPairs.normals`, shape (k, 3).
+        screws: Screws of the hand's joints, shape (6, nq).
+        V: Velocity of the object at the origin of W, shape (6,), in rad/s and m/s.
+        holding: Whether each fingertip holds the object or closes on it, shape (n,).
         rows: Result, shape (k, nq).
         least: Result, shape (k,).
         fingers: Result, shape (k,).
@@ -238,17 +238,17 @@ def write_velocities(  # type: ignore[no-untyped-def]
     """Writes velocities that follow goals, and returns whether no constraint limits them.
 
     Args:
-        q: As the next four, an argument of `next_velocities`.
-        v_last: As the name says.
-        J: As the name says.
-        V: As the name says.
-        v_posture: As the name says.
-        lower: As the next three, a field of `JointLimits`.
-        upper: As the name says.
-        fastest: As the name says.
-        change: As the name says.
-        rows: As the next one, a field of `Clearances`.
-        least: As the name says.
+        q: Positions of the joints, shape (nq,).
+        v_last: Their velocities until now, shape (nq,).
+        J: Jacobian of the goals, shape (k, nq).
+        V: Velocities of the goals, shape (k,).
+        v_posture: Velocities toward the posture, shape (nq,).
+        lower: `JointLimits.lower`, shape (nq,).
+        upper: `JointLimits.upper`, shape (nq,).
+        fastest: `JointLimits.fastest`, shape (nq,).
+        change: `JointLimits.change`, shape (nq,).
+        rows: `Clearances.rows`, shape (c, nq).
+        least: `Clearances.least`, shape (c,), in m/s.
         v: Result, shape (nq,).
         L: Memory for the Cholesky factor of J Jᵀ, shape (k, k).
         inverse: Memory for its inverse, shape (k, k).

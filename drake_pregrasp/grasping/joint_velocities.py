@@ -27,10 +27,10 @@ class JointLimits(NamedTuple):
     """Limits of the joints of a hand.
 
     Attributes:
-        lower: Lower limits of their positions, shape (nq,).
-        upper: Upper limits of their positions, shape (nq,).
-        fastest: Largest rates, shape (nq,).
-        change: Largest changes of the rates from tick to tick, shape (nq,).
+        lower: Lower limits of their positions, shape (nq,), in radians or metres.
+        upper: Upper limits of their positions, shape (nq,), in radians or metres.
+        fastest: Largest rates, shape (nq,), in rad/s or m/s.
+        change: Largest changes of the rates from tick to tick, shape (nq,), in rad/s or m/s.
     """
 
     lower: FloatArray

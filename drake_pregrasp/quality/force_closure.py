@@ -130,15 +130,16 @@ def ferrari_canny(
     the sphere at u, a second-order cone program.
 
     Args:
-        p_CoMC: As for `min_weight_margin`.
-        nhat: As for `min_weight_margin`.
-        friction: As for `min_weight_margin`.
+        p_CoMC: Lever arms from the centre of mass to the contacts, shape (n, 3), in metres.
+        nhat: Outward unit normals at the contacts, in the same frame, shape (n, 3).
+        friction: Coulomb's coefficient.
         length: Length by which torques are divided, in metres, greater than zero.
         model: One of `CONE_MODELS`.
-        torsional_friction: As for `min_weight_margin`.
+        torsional_friction: Torsional friction of the soft finger, in metres.
 
     Raises:
-        InvalidArgumentError: As for `min_weight_margin`, or if the length is not above 0.
+        InvalidArgumentError: If there is no such model, a coefficient is below 0, or the length is
+            not above 0.
     """
     if not length > 0:
         raise InvalidArgumentError(f"length must be greater than 0 m, not {length}")
@@ -210,9 +211,9 @@ def largest_load(
     It is 0 if the fingers do not even balance each other, and at most `LARGEST_LOAD`.
 
     Args:
-        p_CoMC: As for `min_weight_margin`.
-        nhat: As for `min_weight_margin`.
-        friction: As for `min_weight_margin`.
+        p_CoMC: Lever arms from the centre of mass to the contacts, shape (n, 3), in metres.
+        nhat: Outward unit normals at the contacts, in the same frame, shape (n, 3).
+        friction: Coulomb's coefficient.
         wrench: Force in N and torque about the centre of mass in N m, shape (6,).
         normal_forces: Smallest and largest normal force of each contact, shape (2, n), in N.
     """
@@ -246,9 +247,9 @@ def friction_cones(
     Args:
         p_CoMC: Lever arms, shape (..., 3), in metres.
         nhat: Outward unit normals, shape (..., 3).
-        friction: As for `min_weight_margin`.
+        friction: Coulomb's coefficient.
         model: One of `CONE_MODELS`.
-        torsional_friction: As for `min_weight_margin`.
+        torsional_friction: Torsional friction of the soft finger, in metres.
 
     Returns:
         The wrenches, force rows first, torques in N m per newton.

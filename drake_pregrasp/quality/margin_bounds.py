@@ -32,7 +32,7 @@ def least_norm_margin(
         torsional_friction: Torsional friction of the soft finger, in metres.
 
     Raises:
-        InvalidArgumentError: As for `min_weight_margin`.
+        InvalidArgumentError: If there is no such model, or a coefficient is below 0.
     """
     cones = friction, model, torsional_friction
     P = balance_blocks(p_CoMC, nhat, *cones, longest_arm(p_CoMC))
@@ -55,17 +55,17 @@ def moved_least_norm_margin(
     """Returns `least_norm_margin` of a grasp with one contact at each of N places, shape (N,).
 
     Args:
-        p_CoMC: As for `least_norm_margin`, shape (n, 3).
-        nhat: As for `least_norm_margin`, shape (n, 3).
-        friction: As for `least_norm_margin`.
+        p_CoMC: Lever arms from the centre of mass to the contacts, shape (n, 3), in metres.
+        nhat: Outward unit normals at the contacts, in the same frame, shape (n, 3).
+        friction: Coulomb's coefficient.
         moved: Index of the contact that moves to the places.
         p_CoMQ: Lever arms of the places, shape (N, 3), in metres.
         nhat_Q: Outward unit normals at the places, shape (N, 3).
-        model: As for `least_norm_margin`.
-        torsional_friction: As for `least_norm_margin`.
+        model: One of `CONE_MODELS`.
+        torsional_friction: Torsional friction of the soft finger, in metres.
 
     Raises:
-        InvalidArgumentError: As for `min_weight_margin`.
+        InvalidArgumentError: If there is no such model, or a coefficient is below 0.
     """
     arm = max(longest_arm(p_CoMC), longest_arm(p_CoMQ))
     cones = friction, model, torsional_friction

@@ -37,7 +37,7 @@ GRAVITY: float = UniformGravityFieldElement.kDefaultStrength
 
 
 class _Memory(NamedTuple):
-    """What the system stored at its last tick, and what follows from it.
+    """Values that the system stored at its last tick, and what follows from them.
 
     Attributes:
         state: State of the grasp.
