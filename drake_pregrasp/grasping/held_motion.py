@@ -61,11 +61,11 @@ class HeldMotion:
     ) -> "HeldMotion":
         """Returns the motion, corrected by fingertips that stick to an object on a table.
 
-        G follows the mean horizontal shift of the fingertips. Turns and tilts stay as they were: those
-        of the fingertips look like the strain of fingers of unequal stiffness, and a G that
-        followed a strain would increase it, and turn or tip the object without end. The object stands
-        on a table, so a vertical shift is not a motion either: G sinks where fingers would lift the
-        object, and it does not rise.
+        G follows the mean horizontal shift of the fingertips. Turns and tilts stay as they were:
+        those of the fingertips look like the strain of fingers of unequal stiffness, and a G that
+        followed a strain would increase it, and turn or tip the object without end. The object
+        stands on a table, so a vertical shift is not a motion either: G sinks where fingers would
+        lift the object, and it does not rise.
 
         Args:
             p_WT: Centres of the fingertips in W, shape (k, 3), in metres.
