@@ -200,6 +200,23 @@ def test_outliers_with_good_measurements_between_never_refute_the_belief(same_pl
     assert error(track, 69 * DT) < 4 * NOISE.position
 
 
+@pytest.mark.parametrize("distance", [0.005, 0.02, 0.04])
+def test_the_measurement_after_a_small_outlier_tells_it_from_a_manoeuvre(distance):
+    rng, before = tracked(21, 60)
+    stream, away = in_time(2, rng, start=60), distance * np.eye(3)[1]
+    found = list(tracks(shifted(stream[:1], away) + stream[1:], track=before))
+    assert [track.verdict for track in found] == [Verdict.OUTLIER, Verdict.USED]
+    assert error(found[-1], 61 * DT) < 4 * NOISE.position
+    turned = shifted(stream[:1], away) + shifted(stream[1:], 2.5 * away)
+    found = list(tracks(turned, track=before))
+    assert [track.verdict for track in found] == [Verdict.OUTLIER, Verdict.USED]
+    assert (found[-1].steps[-3:, 0] == DT * np.array([59, 60, 61])).all()
+    off = merged(found[-1].newest).p_WCoM[0] - V * 61 * DT - 2.5 * away
+    assert np.linalg.norm(off) < 5 * NOISE.position
+    statuses = [status(track, (60 + k) * DT) for k, track in enumerate(found)]
+    assert statuses == [TrackingStatus.COASTING, TrackingStatus.TRACKING]
+
+
 def test_an_outlier_that_a_silence_explains_is_not_believed_at_once():
     """After a silence, only a measurement where a quiet object would be confirms the prediction."""
     rng, track = tracked(14, 60)
@@ -207,7 +224,7 @@ def test_an_outlier_that_a_silence_explains_is_not_believed_at_once():
     late = measured(time, rng)
     assert status(update_track(track, late, time, SETTINGS), time) == TrackingStatus.TRACKING
     after = update_track(track, replace(late, p_WO=late.p_WO + 0.05), time, SETTINGS)
-    assert (after.verdict, status(after, time)) == (Verdict.USED, TrackingStatus.COASTING)
+    assert (after.verdict, status(after, time)) == (Verdict.OUTLIER, TrackingStatus.COASTING)
     for now in time + DT * np.arange(1, 5):
         after = update_track(after, measured(now, rng), now, SETTINGS)
     assert status(after, now) == TrackingStatus.TRACKING
