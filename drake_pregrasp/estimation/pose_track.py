@@ -61,7 +61,8 @@ class MeasurementVerdict(IntEnum):
             continues from them.
         UNUSABLE: Refused: its time or its pose is invalid.
         TOO_LATE: Refused: it is older than all measurements in memory.
-        OUTLIER: Refused: no model of the motion explains it.
+        OUTLIER: Refused: no model of the motion explains it. If only an unlikely model does, it is
+            held back until the next measurement; if that one agrees, both are used.
         REPEATED: Refused: a sensor with noise has repeated itself to the last bit.
     """
 
@@ -99,7 +100,7 @@ class PoseTrack:
             shape (memory, 13 + b); empty rows come first and have the time -inf.
         last_seen: Last valid measurement, whether used or not, shape (13,).
         alternative: Alternative hypothesis, shape (b,): the belief that follows from refused
-            measurements that agree with each other; its time is -inf if there are none.
+            measurements that agree with each other, or from one that is held back; its time is -inf if there are none.
         support: Number of measurements that support the alternative hypothesis.
         refused: Number of outliers since the newest measurement that was used.
         begun_at: Time up to which measurements can no longer be used, in seconds.
