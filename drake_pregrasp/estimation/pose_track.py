@@ -100,7 +100,8 @@ class PoseTrack:
             shape (memory, 13 + b); empty rows come first and have the time -inf.
         last_seen: Last valid measurement, whether used or not, shape (13,).
         alternative: Alternative hypothesis, shape (b,): the belief that follows from refused
-            measurements that agree with each other, or from one that is held back; its time is -inf if there are none.
+            measurements that agree with each other, or from one that is held back; its time is -inf
+            if there are none.
         support: Number of measurements that support the alternative hypothesis.
         refused: Number of outliers since the newest measurement that was used.
         begun_at: Time up to which measurements can no longer be used, in seconds.
