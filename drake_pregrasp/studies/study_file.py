@@ -290,8 +290,9 @@ def _check(study: Study) -> None:
             raise ScenarioError(source, "measures", problem)
     for key, method in study.methods.items():
         if method.goals and method.goals not in GOAL_SOURCES:
-            hint = nearest(method.goals, GOAL_SOURCES)
-            raise ScenarioError(source, f"methods.{key}.goals", f"{method.goals}: {hint}")
+            hint = f"{nearest(method.goals, GOAL_SOURCES)}; --import loads a module of your own"
+            problem = f"{method.goals}: no such source of goals; {hint}"
+            raise ScenarioError(source, f"methods.{key}.goals", problem)
         for base in study.bases.values():
             with_fields(base, method.overrides, f"{source}: methods.{key}.overrides")
             with_fields(base, config.otherwise, f"{source}: otherwise")

@@ -130,7 +130,7 @@ MOTIONS: Mapping[str, Callable[[FloatArray, np.random.Generator], Poses]] = {
     "circle of 0.5 m at 2 m/s": _circle(0.5, 2.0),
     "figure of eight, up to 1.7 m/s": _figure_of_eight,
     "at rest, then 10 m/s² for 0.3 to 0.7 s": _straight,
-    "free flight, gravity not told": _flight,
+    "free flight, gravity not modelled": _flight,
     "stop and go, up to 1 m/s and 10 m/s²": _stop_and_go,
     "turns with 30 rad/s²": _turns,
 }
