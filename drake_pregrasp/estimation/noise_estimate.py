@@ -20,6 +20,7 @@ _MEDIAN = 0.789  # Median of a chi-square number with 3 degrees of freedom over 
 _TOLERATED = 2.5  # Variance over the assumed one that may be chance, or the motion's.
 _MOST = 25.0  # Largest variance over the assumed one that is believed.
 _CLOSEST = 1e-6  # Times that differ by less, in seconds, do not tell a difference.
+_ONES = np.ones(2)
 _NO_POSES = np.full((POSES, 7), np.nan)
 
 
@@ -59,6 +60,8 @@ class NoiseEstimate:
     def factors(self) -> FloatArray:
         """Factors on the assumed variances: 1 unless the ratio is clearly larger, shape (2,)."""
         ratios = self.ratios
+        if ratios.max() <= _TOLERATED:
+            return _ONES
         return np.where(ratios > _TOLERATED, np.minimum(ratios, _MOST), 1.0)
 
     def replayed(

@@ -65,8 +65,8 @@ def update_track(
     if time - newest_time > _SILENCE:  # Also without a belief, whose time is -inf.
         return _begun(track, seen, measurement, settings)
     if (
-        (track.noise.ratios > _NOISY).all()
-        and (seen[1:] == track.last_seen[1:]).all()
+        (seen[1:] == track.last_seen[1:]).all()
+        and (track.noise.ratios > _NOISY).all()
         and _moves(track.newest)
     ):
         return replace(track, last_seen=seen, verdict=MeasurementVerdict.REPEATED)
