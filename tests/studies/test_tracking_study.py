@@ -23,7 +23,7 @@ def rows_of(motion, fault, seeds):
 @pytest.mark.parametrize(("motion", "fault"), KINDS)
 @pytest.mark.parametrize("seeds", [range(3), slow(range(3, 24))])
 def test_errors_are_within_the_covariance_while_the_object_is_tracked(motion, fault, seeds):
-    """3 standard deviations at 99 % of the ticks, and never more than 10 mm beyond."""
+    """99 % of the coordinates are within 3 standard deviations, and no error is 10 mm beyond."""
     rows = rows_of(motion, fault, seeds)
     assert rows.violations.sum() == 0
     # The first measurements do not tell how large the noise is.
