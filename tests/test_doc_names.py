@@ -18,6 +18,8 @@ from drake_pregrasp import load_scenario, shipped_scenarios
 from drake_pregrasp.simulation.run_log import grasp_columns, log_columns
 from drake_pregrasp.studies.study_file import load_study
 
+pytest.importorskip("numba")  # Some of the names are of compiled functions.
+
 PACKAGE = ROOT / "drake_pregrasp"
 PAGES = [*DOCS.glob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
 ELSEWHERE = {

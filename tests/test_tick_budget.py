@@ -62,7 +62,7 @@ def test_a_planning_tick_of_the_base_case_is_small(monkeypatch: pytest.MonkeyPat
         simulator.AdvanceTo(context.get_time() + period)
         monitor.GetOutputPort("grasp_quality").Eval(monitor.GetMyContextFromRoot(context))
 
-    check(calls_of(tick), files=21, functions=81, count=350)
+    check(calls_of(tick), files=21, functions=82, count=350)
 
 
 @pytest.mark.slow
