@@ -249,8 +249,8 @@ class _Search:
         for finger in np.argsort(np.sum(free, axis=1), kind="stable").tolist():
             choices = np.flatnonzero(free[finger] & self._has_room(finger, assigned))
             if assigned[finger] == _AWAY and len(choices):
-                least = discomforts[finger, choices]
-                assigned[finger] = choices[np.argmax(least <= np.min(least) + _TIE)]
+                costs = discomforts[finger, choices]
+                assigned[finger] = choices[np.argmax(costs <= np.min(costs) + _TIE)]
         assigned_fingers, bound = np.flatnonzero(assigned != _AWAY), -np.inf
         for _ in range(self._sweeps):
             last = bound

@@ -190,7 +190,7 @@ def test_buttons_do_what_they_say(page, tmp_path):
     time = run.time
     (tmp_path / "saved").touch()
     page.click("save the recording")
-    page.told("cannot be written")
+    page.told("is a file, not a folder")
     (tmp_path / "saved").unlink()
     page.click("save the recording")
     page.told("saved in")
