@@ -43,9 +43,9 @@ def are_apart(p, rows, clearances, spacing):  # type: ignore[no-untyped-def]
 
     Args:
         p: Centres of the tips, shape (n, 3), in metres.
-        rows: As the next two, arguments of `write_straight_step`.
-        clearances: As the name says.
-        spacing: As the name says.
+        rows: The object and the other solids, as for `distance_to`, shape (1 + m, 19).
+        clearances: Least distances of the tips from these, shape (1 + m, n), in metres.
+        spacing: Least distances of the tips from each other, shape (n, n), in metres.
     """
     for i in range(len(p)):
         x, y, z = p[i, 0], p[i, 1], p[i, 2]
@@ -68,15 +68,15 @@ def write_straight_step(  # type: ignore[no-untyped-def]
     """Writes the next positions of tips, and returns whether they may move straight.
 
     Args:
-        p: As the next two, an argument of `straight_step`.
-        v: As the name says.
-        goal: As the name says.
-        speed: As the next two, a field of `Pace`.
-        acceleration: As the name says.
-        period: As the name says.
+        p: Centres of the tips in G, shape (n, 3), in metres.
+        v: Velocities of the tips in G, shape (n, 3), in m/s.
+        goal: Goals of the centres in G, shape (n, 3), in metres.
+        speed: Largest speed of a tip, in m/s.
+        acceleration: Largest acceleration of a tip, in m/s².
+        period: Seconds between ticks.
         rows: The object and the other solids, as for `distance_to`, shape (1 + m, 19).
         clearances: Least distances of the tips from these, shape (1 + m, n), in metres.
-        spacing: `TipRoom.spacing`.
+        spacing: Least distances of the tips from each other, shape (n, n), in metres.
         moved: Result, shape (n, 3), in metres.
     """
     if not are_apart(goal, rows, clearances, spacing):
