@@ -9,7 +9,8 @@ from pydrake.systems.framework import BusValue
 
 from drake_pregrasp import Obstacles
 from drake_pregrasp.arrays import pack
-from drake_pregrasp.grasping.hand_commands import GraspCommand, HandGoals
+from drake_pregrasp.grasping.hand_commands import GraspCommand
+from drake_pregrasp.grasping.hand_goals import HandGoals
 from drake_pregrasp.regions.safe_regions import SafeRegions
 
 

@@ -143,7 +143,7 @@ class HandController(Diagram):
                 withdrawn_radii=hand.withdrawn_radii,
                 X_LA=hand.X_LA,
                 p_OCoM=p_OCoM,
-                straight=scene.kernels.straight_step,
+                kernels=scene.kernels,
             ),
         )
         kinematics = builder.AddNamedSystem(

@@ -14,7 +14,7 @@ passes it to its systems.
 | `cones` | `quality.force_closure.largest_minimum` |
 | `pose_steps` | `estimation.pose_filter.filter_step` and `merged` |
 | `hand` | `forward_kinematics`, `clearances` and `next_velocities` of `grasping` |
-| `tip_steps` | `grasping.fingertip_paths.straight_step` |
+| `tip_steps` | `straight_step`, `hand_goals` and `goal_velocities` of `grasping` |
 
 **One description.** A region is an intersection: the weighted Voronoi cell of its contact,
 half-spaces (forbidden points, neighbouring fingertips, the nearest points of obstacles), and

@@ -38,10 +38,16 @@ def _hand() -> HandKernels:
         compiled_forward_kinematics,
         compiled_next_velocities,
     )
-    from drake_pregrasp.fast.tip_steps import compiled_straight_step
+    from drake_pregrasp.fast.tip_steps import (
+        compiled_goal_velocities,
+        compiled_hand_goals,
+        compiled_straight_step,
+    )
 
     return HandKernels(
         compiled_forward_kinematics,
+        compiled_hand_goals,
+        compiled_goal_velocities,
         compiled_clearances,
         compiled_next_velocities,
         compiled_straight_step,

@@ -13,6 +13,7 @@ from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.clearances import Clearances, clearances
 from drake_pregrasp.grasping.fingertip_paths import straight_step
 from drake_pregrasp.grasping.forward_kinematics import HandPose, KinematicTree, forward_kinematics
+from drake_pregrasp.grasping.hand_goals import HandGoals, goal_velocities, hand_goals
 from drake_pregrasp.grasping.joint_velocities import next_velocities
 from drake_pregrasp.quality.force_closure import LargestMinimum, largest_minimum
 from drake_pregrasp.regions.constraints import LimitFunction, Predicates
@@ -26,12 +27,16 @@ class HandKernels:
 
     Attributes:
         forward_kinematics: `forward_kinematics`.
+        hand_goals: `hand_goals`.
+        goal_velocities: `goal_velocities`.
         clearances: `clearances`.
         next_velocities: `next_velocities`.
         straight_step: `straight_step`.
     """
 
     forward_kinematics: Callable[[KinematicTree, FloatArray], HandPose]
+    hand_goals: Callable[..., HandGoals]
+    goal_velocities: Callable[..., FloatArray]
     clearances: Callable[..., Clearances]
     next_velocities: Callable[..., tuple[FloatArray, int]]
     straight_step: Callable[..., FloatArray | None]
@@ -79,6 +84,8 @@ REFERENCE = Kernels(
     largest_minimum=lambda: largest_minimum,
     filter_step=filter_step,
     merged=merged,
-    hand=lambda: HandKernels(forward_kinematics, clearances, next_velocities, straight_step),
+    hand=lambda: HandKernels(
+        forward_kinematics, hand_goals, goal_velocities, clearances, next_velocities, straight_step
+    ),
 )
 """The implementation in numpy."""

@@ -29,10 +29,10 @@ _SHARES = np.linspace(0.0, 1.0, PATH_PARTS + 1)[:, None]
 
 @dataclass(frozen=True, eq=False)
 class TipRoom:
-    """Free space for the centres of n fingertips, in a frame G whose z axis points to the palm.
+    """Free space for the centres of n fingertips, in a frame G.
 
     Attributes:
-        object: The object in G; fingers move around it about z of G.
+        object: The object in G.
         object_clearances: Least distance of each tip's centre from the object, shape (n,), in
             metres.
         others: Other solids to avoid in G, such as table and obstacles, each with the least
@@ -44,6 +44,16 @@ class TipRoom:
     object_clearances: FloatArray
     others: tuple[tuple[Solid, FloatArray], ...]
     spacing: FloatArray
+
+    def moved(self, R_FG: FloatArray, p_FG: FloatArray) -> "TipRoom":
+        """Returns the same room expressed in a frame F.
+
+        Args:
+            R_FG: Orientation of G in F, shape (3, 3).
+            p_FG: Position of G in F, shape (3,), in metres.
+        """
+        others = tuple((solid.moved(R_FG, p_FG), least) for solid, least in self.others)
+        return replace(self, object=self.object.moved(R_FG, p_FG), others=others)
 
     def with_room_at(self, goal: FloatArray) -> "TipRoom":
         """Returns the room with tips that may come as near to the object as their goals are.
@@ -134,8 +144,9 @@ def straight_step(
 ) -> FloatArray | None:
     """Returns the next positions of tips that move straight to their goals, shape (n, 3), or None.
 
-    It is None if a goal or a next position is not permitted, or a path is not free. It is what
-    `shape_goals` returns otherwise, in `TipRoom.with_room_at` of the goals.
+    It is None if a goal or a next position is not permitted, or a path is not free, and `p_GT`
+    itself if the tips rest at their goals. Otherwise it is what `shape_goals` returns, in
+    `TipRoom.with_room_at` of the goals.
 
     Args:
         p_GT: Centres of the tips in G, shape (n, 3), in metres.
@@ -148,7 +159,9 @@ def straight_step(
     if room.permitted(goal) is not goal or not _is_free(p_GT, goal, room).all():
         return None
     moved = p_GT + pace.period * pace.toward((goal - p_GT) / pace.period, v_GT)
-    return moved if room.permitted(moved) is moved else None
+    if room.permitted(moved) is not moved:
+        return None
+    return p_GT if pace.has_arrived(goal - p_GT, v_GT) else moved
 
 
 def shape_goals(
@@ -157,9 +170,9 @@ def shape_goals(
     """Returns the next positions of tips on their paths to goals, in G, shape (n, 3), in metres.
 
     A tip moves straight if the path is clear of the object, otherwise around its convex hull on the
-    shorter side, or over it if other solids block that side. It enters and leaves a hollow along
-    the normal of the surface or vertically. It keeps its pace unless solids or other tips push it
-    out.
+    shorter side, or over it if other solids block that side. It moves around z of G, which points
+    to the palm. It enters and leaves a hollow along the normal of the surface or vertically. It
+    keeps its pace unless solids or other tips push it out.
 
     Args:
         p_GT: Centres of the tips in G, shape (n, 3), in metres.

@@ -1,4 +1,4 @@
-"""Values that the systems of a hand's controller exchange in a control tick."""
+"""Command of a grasp's phase to the systems that move a hand."""
 
 from dataclasses import dataclass
 
@@ -39,24 +39,3 @@ class GraspCommand:
     fingers_hold: BoolArray
     f_T_W: FloatArray
     force_limits: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class HandGoals:
-    """Goals of the fingertips and of the palm in W.
-
-    Attributes:
-        p_WT: Centres of the fingertips when the goals are due, shape (n, 3), in metres.
-        v_WT: Velocities of these goals, shape (n, 3), in m/s.
-        p_WL: Point on the palm's axis, the centre of mass of an object at G, shape (3,), in metres.
-        v_WL: Velocity of that point, shape (3,), in m/s.
-        yaw: Yaw of the palm about z of the approach A, in radians.
-        yaw_rate: Rate of change of the yaw, in rad/s.
-    """
-
-    p_WT: FloatArray
-    v_WT: FloatArray
-    p_WL: FloatArray
-    v_WL: FloatArray
-    yaw: float
-    yaw_rate: float

@@ -13,7 +13,8 @@ from drake_pregrasp.grasping.clearances import FASTEST_APPROACH
 from drake_pregrasp.grasping.fingertip_paths import Pace
 from drake_pregrasp.grasping.forward_kinematics import HandPose
 from drake_pregrasp.grasping.grasp_state import NO_LIMIT, NOT_BLOCKED
-from drake_pregrasp.grasping.hand_commands import GraspCommand, HandGoals
+from drake_pregrasp.grasping.hand_commands import GraspCommand
+from drake_pregrasp.grasping.hand_goals import HandGoals
 from drake_pregrasp.grasping.joint_velocities import JointLimits
 from drake_pregrasp.regions.obstacles import ANYWHERE
 from drake_pregrasp.systems import ports
@@ -125,7 +126,7 @@ class DifferentialKinematics(LeafSystem):
         if np.shape(initial) != (nq,):
             raise InvalidArgumentError(f"the hand has {nq} joints, not {np.size(initial)}")
         self._home, self._yaw_range = home, yaw_range
-        self._period, self._step = period, plant_time_step
+        self._step = plant_time_step
         self._pace = Pace(FASTEST_APPROACH, _USED * acceleration, period)
         change = hand.acceleration_limit * period
         self._limits = JointLimits(hand.lower, hand.upper, hand.rate_limit, change)
@@ -201,9 +202,8 @@ class DifferentialKinematics(LeafSystem):
         goals: HandGoals = self._goals.Eval(context)
         command: GraspCommand = self._command.Eval(context)
         placed = self._placed.Eval(context)
-        wanted = (goals.p_WT - pose.p_WT) / self._period - goals.v_WT
-        V = goals.v_WT + self._pace.toward(wanted, pose.J_WT @ v_last - goals.v_WT)
-        J, V = pose.J_WT.reshape(-1, len(q)), V.ravel()
+        kernels, J = self._scene.kernels, pose.J_WT.reshape(-1, len(q))
+        V = kernels.goal_velocities(goals, pose, v_last, self._pace)
         # What follows a goal with a gain lags a steady motion by the time 1/gain, so it aims ahead.
         p_WL, yaw = goals.p_WL + goals.v_WL / GAIN, goals.yaw + goals.yaw_rate / GAIN
         low, high = self._yaw_range
@@ -216,7 +216,7 @@ class DifferentialKinematics(LeafSystem):
             J, V = np.concatenate([J, J_WP]), np.concatenate([V, V_WP])
         v_posture = GAIN * (self._base.posture(self._home, p_WL, yaw) - q)
         clear = self._scene.clearances(placed, pose, command)
-        return self._scene.kernels.next_velocities(q, v_last, J, V, v_posture, self._limits, clear)
+        return kernels.next_velocities(q, v_last, J, V, v_posture, self._limits, clear)
 
     def _calc_pose(self, context: Context) -> HandPose:
         stored = context.get_discrete_state(self._reference).value()

@@ -1,6 +1,6 @@
 """Goals of fingertips and palm that a hand can follow without collisions, from contact goals."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -10,19 +10,20 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.validation import checked
-from drake_pregrasp.contacts.assignment import FREE_TURN, palm_turn
+from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.geometry.rotations import rotation_matrix, skew
+from drake_pregrasp.fast.kernels import REFERENCE, HandKernels
 from drake_pregrasp.geometry.solids import PlacedSolid, SignedDistance, Solid
 from drake_pregrasp.grasping.fingertip_paths import (
     MOVING_CLEARANCE,
     Pace,
     TipPlaces,
+    TipRoom,
     shape_goals,
-    straight_step,
 )
-from drake_pregrasp.grasping.hand_commands import GraspCommand, HandGoals
+from drake_pregrasp.grasping.hand_commands import GraspCommand
+from drake_pregrasp.grasping.hand_goals import HandGoals, PalmAxis
 from drake_pregrasp.regions.obstacles import ANYWHERE
 from drake_pregrasp.systems import ports
 from drake_pregrasp.systems.palm_frames import FROM_ABOVE, reach_frame, turned_frame
@@ -109,7 +110,7 @@ class HandGoalShaper(LeafSystem):
         X_LA: Approach of the palm; see `HandModel`. Fingers go around z of A, and withdraw along
             it.
         p_OCoM: Centre of mass of the object in O, shape (3,), in metres; by default the origin.
-        straight: Implementation of `straight_step`.
+        kernels: Implementation of `straight_step` and `hand_goals`; by default that in numpy.
 
     Raises:
         InvalidArgumentError: If an argument or a field of `config` is out of its range.
@@ -132,7 +133,7 @@ class HandGoalShaper(LeafSystem):
         withdrawn_radii: FloatArray | None = None,
         X_LA: RigidTransform = FROM_ABOVE,
         p_OCoM: FloatArray | None = None,
-        straight: Callable[..., FloatArray | None] = straight_step,
+        kernels: HandKernels | None = None,
     ) -> None:
         super().__init__()
         config = checked(config or GraspConfig())
@@ -150,19 +151,23 @@ class HandGoalShaper(LeafSystem):
         self._radius: FloatArray = np.broadcast_to(np.asarray(tip_radius, dtype=float), n)
         mean_radius = np.mean(np.linalg.norm(np.asarray(p_GT)[:, :2], axis=1))
         radii = np.zeros(n) if withdrawn_radii is None else withdrawn_radii
-        self._azimuths, self._yaw_range = np.asarray(finger_azimuths), yaw_range
-        x, y = np.cos(self._azimuths), np.sin(self._azimuths)
+        x, y = np.cos(finger_azimuths), np.sin(finger_azimuths)
         self._places = TipPlaces(
             tip_radii=self._radius,
             directions=np.stack([x, y, np.zeros(n)], axis=1),
             withdrawn_radii=np.where(radii, radii, mean_radius),
         )
         self._X_LA, X_AL = X_LA, X_LA.inverse()
-        self._R_AL, self._p_AL = X_AL.rotation().matrix(), X_AL.translation()
-        self._p_OCoM: FloatArray = np.zeros(3) if p_OCoM is None else np.array(p_OCoM)
+        self._axis = PalmAxis(
+            R_AL=np.array(X_AL.rotation().matrix(), order="C"),
+            p_AL=np.array(X_AL.translation()),
+            p_OCoM=np.zeros(3) if p_OCoM is None else np.array(p_OCoM, dtype=float),
+            finger_azimuths=np.array(finger_azimuths, dtype=float),
+            yaw_range=yaw_range,
+        )
         acceleration = GOAL_SHARE * config.tip_acceleration
         self._pace = Pace(config.goal_speed, acceleration, config.period)
-        self._straight_step = straight
+        self._kernels = kernels or REFERENCE.hand()
 
         self._tips = self.DeclareDiscreteState(np.array(p_GT, dtype=float).ravel())
         self._rates = self.DeclareDiscreteState(3 * n)
@@ -213,83 +218,103 @@ class HandGoalShaper(LeafSystem):
         stored = context.get_discrete_state(self._contacts if held else self._targeted).value()
         p_OC, nhat = stored[: 6 * n].reshape(2, n, 3)
         active = stored[6 * n :] > 0
-        p_GT = context.get_discrete_state(self._tips).value().reshape(-1, 3)
-        v_GT = context.get_discrete_state(self._rates).value().reshape(-1, 3)
-        # Paths are planned in the frame A of the approach, in which the palm's axis is z.
-        R_AW, R_AG = self._R_AL, self._R_AL @ command.R_WG
-        p_AG = self._p_AL - R_AG @ self._p_OCoM
-        p_AW = p_AG - R_AW @ command.p_WG
-        obstacles = ports.eval_solids(self, self._obstacles, context, R_AW, p_AW)
+        p_GT, v_GT, _ = self._stored(context)
+        R_GW, gaps = command.R_WG.T, command.standoffs
+        p_GW = -R_GW @ command.p_WG
+        obstacles = ports.eval_solids(self, self._obstacles, context, R_GW, p_GW)
         if ANYWHERE in obstacles:
             discrete_state.set_value(self._rates, np.zeros(p_GT.size))
             return
-        gaps = command.standoffs
-        p_AT = p_GT @ R_AG.T + p_AG
-        goal = (p_OC + (self._radius + gaps)[:, None] * nhat) @ R_AG.T + p_AG
-        object_solid = self._object.moved(R_AG, p_AG)
+        goal = p_OC + (self._radius + gaps)[:, None] * nhat
         if not active.all():
-            top = object_solid.highest(np.array([0.0, 0.0, 1.0]))
-            withdrawn = self._places.withdrawn(goals.yaw, top)
+            R_AG, p_AG = self._approach(command)
+            top = self._object.highest(R_AG[2]) + p_AG[2]
+            withdrawn = (self._places.withdrawn(goals.yaw, float(top)) - p_AG) @ R_AG
             goal = np.where(active[:, None], goal, withdrawn)
             gaps = np.where(active, gaps, MOVING_CLEARANCE)
         room = self._places.room(
-            object_solid,
+            self._object,
             gaps,
-            fixed=[solid.moved(R_AW, p_AW) for solid in self._fixed],
+            fixed=[solid.moved(R_GW, p_GW) for solid in self._fixed],
             obstacles=obstacles,
             holding=held & active & command.fingers_hold,
         )
-        v_AT = v_GT @ R_AG.T
-        has_arrived = self._pace.has_arrived(goal - p_AT, v_GT)
-        shaped = self._straight_step(p_AT, v_AT, goal, self._pace, room)
-        stays, contacts = has_arrived, stored
-        if shaped is None:
-            room = room.with_room_at(goal)
-            permitted = goal if held and not has_arrived else room.permitted(goal)
-            stays = has_arrived and permitted is goal
-            if not held and permitted is not goal:
-                shift = np.where(active[:, None], permitted - goal, 0) @ R_AG
-                along = shift - np.sum(shift * nhat, axis=1, keepdims=True) * nhat
-                contacts = np.concatenate([p_OC + along, nhat, active], axis=None)
-                goal = goal + along @ R_AG.T
-            shaped = shape_goals(p_AT, v_AT, goal, self._pace, room)
+        moved, contacts = self._kernels.straight_step(p_GT, v_GT, goal, self._pace, room), stored
+        if moved is None:
+            moved, shift = self._detour(p_GT, v_GT, goal, room, command, active[:, None] * nhat)
+            contacts = np.concatenate([p_OC + shift, nhat, active], axis=None)
         if not held:
             discrete_state.set_value(self._contacts, contacts)
-        if stays:
+        if moved is p_GT:
             return
-        p_GT_next = (shaped - p_AG) @ R_AG
-        rates = self._pace.limited((p_GT_next - p_GT) / self._pace.period, v_GT)
-        discrete_state.set_value(self._tips, p_GT_next.ravel())
+        rates = self._pace.limited((moved - p_GT) / self._pace.period, v_GT)
+        discrete_state.set_value(self._tips, moved.ravel())
         discrete_state.set_value(self._rates, rates.ravel())
+
+    def _detour(
+        self,
+        p_GT: FloatArray,
+        v_GT: FloatArray,
+        goal: FloatArray,
+        room: TipRoom,
+        command: GraspCommand,
+        nhat: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Returns the next goals, and shifts of contacts along the surface, in G, shape (n, 3).
+
+        If the fingertips rest at their goals, the same array of goals is returned.
+
+        Args:
+            p_GT: Present goals of the fingertips in G, shape (n, 3), in metres.
+            v_GT: Their velocities in G, shape (n, 3), in m/s.
+            goal: Places in G that they go to, shape (n, 3), in metres.
+            room: Free space of the fingertips in G.
+            command: Command of the grasp's phase; contacts that it holds are not shifted.
+            nhat: Outward unit normals at the contacts in G, zeros where a finger has none, shape
+                (n, 3).
+        """
+        # Paths are planned in the frame A of the approach, in which the palm's axis is z.
+        R_AG, p_AG = self._approach(command)
+        goal, held = goal @ R_AG.T + p_AG, command.holds_contacts
+        room, shift = room.moved(R_AG, p_AG).with_room_at(goal), np.zeros(nhat.shape)
+        p_AT, v_AT = p_GT @ R_AG.T + p_AG, v_GT @ R_AG.T
+        has_arrived = self._pace.has_arrived(goal - p_AT, v_AT)
+        permitted = goal if held and not has_arrived else room.permitted(goal)
+        if has_arrived and permitted is goal:
+            return p_GT, shift
+        if not held and permitted is not goal:
+            shift = np.where(nhat.any(axis=1, keepdims=True), (permitted - goal) @ R_AG, 0)
+            shift -= np.sum(shift * nhat, axis=1, keepdims=True) * nhat
+            goal = goal + shift @ R_AG.T
+        return (shape_goals(p_AT, v_AT, goal, self._pace, room) - p_AG) @ R_AG, shift
+
+    def _approach(self, command: GraspCommand) -> tuple[FloatArray, FloatArray]:
+        """Returns orientation and position of G in the frame A of the approach."""
+        R_AG = self._axis.R_AL @ command.R_WG
+        return R_AG, self._axis.p_AL - R_AG @ self._axis.p_OCoM
+
+    def _stored(self, context: Context) -> tuple[FloatArray, FloatArray, float]:
+        """Returns the goals in G, their velocities there, each (n, 3), and the palm's yaw."""
+        p_GT, v_GT, yaw = (
+            context.get_discrete_state(index).value().copy()
+            for index in (self._tips, self._rates, self._yaw)
+        )
+        return p_GT.reshape(-1, 3), v_GT.reshape(-1, 3), float(yaw[0])
 
     def _calc_goals(self, context: Context) -> HandGoals:
         command: GraspCommand = self._command.Eval(context)
-        p_GT = context.get_discrete_state(self._tips).value().reshape(-1, 3)
-        v_GT = context.get_discrete_state(self._rates).value().reshape(-1, 3)
-        (w_WG, v_WG), R_WG = command.V_WG, command.R_WG
-        R_ahead = rotation_matrix(w_WG * self._lead) @ R_WG
-        W = skew(w_WG)
-        p_GL_W = R_WG @ self._p_OCoM
-        p_AT = (p_GT @ R_WG.T - p_GL_W) @ self._R_AL.T + self._p_AL
-        yaw = float(context.get_discrete_state(self._yaw).value()[0])
-        return HandGoals(
-            p_WT=p_GT @ R_ahead.T + command.p_WG + v_WG * self._lead,
-            v_WT=p_GT @ (W @ R_WG).T + v_WG + v_GT @ R_WG.T,
-            p_WL=command.p_WG + p_GL_W,
-            v_WL=v_WG + W @ p_GL_W,
-            yaw=palm_turn(p_AT, self._azimuths, yaw, self._yaw_range),
-            yaw_rate=float(self._R_AL[2] @ w_WG),
-        )
+        p_GT, v_GT, yaw = self._stored(context)
+        return self._kernels.hand_goals(self._axis, command, p_GT, v_GT, yaw, self._lead)
 
     def _palm(self, context: Context) -> tuple[FloatArray, float]:
         """Returns the centre of mass of the object in W, and the palm's yaw as of the last tick."""
         command: GraspCommand = self._command.Eval(context)
         yaw = float(context.get_discrete_state(self._yaw).value()[0])
-        return command.p_WO + command.R_WO @ self._p_OCoM, yaw
+        return command.p_WO + command.R_WO @ self._axis.p_OCoM, yaw
 
     def _calc_X_WH(self, context: Context) -> RigidTransform:
         p_WCoM, yaw = self._palm(context)
-        return reach_frame(p_WCoM, yaw, self._yaw_range, self._X_LA)
+        return reach_frame(p_WCoM, yaw, self._axis.yaw_range, self._X_LA)
 
     def _calc_X_WU(self, context: Context) -> RigidTransform:
         p_WCoM, yaw = self._palm(context)

@@ -1,20 +1,29 @@
 """The compiled functions of a hand agree with their references in numpy."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.fast import numba_is_installed
 from drake_pregrasp.geometry.solids import PlacedSolid
 from drake_pregrasp.grasping.clearances import Clearances, Links, NearPairs, clearances
 from drake_pregrasp.grasping.fingertip_paths import Pace, TipRoom, straight_step
+from drake_pregrasp.grasping.forward_kinematics import HandPose
 from drake_pregrasp.grasping.grasp_state import BASE, NOT_BLOCKED
+from drake_pregrasp.grasping.hand_goals import HandGoals, PalmAxis, goal_velocities, hand_goals
 from drake_pregrasp.grasping.joint_velocities import JointLimits, next_velocities
 
 if not numba_is_installed():
     pytest.skip("needs the extra fast", allow_module_level=True)
 from drake_pregrasp.fast.hand import compiled_clearances, compiled_next_velocities
-from drake_pregrasp.fast.tip_steps import compiled_straight_step
+from drake_pregrasp.fast.tip_steps import (
+    compiled_goal_velocities,
+    compiled_hand_goals,
+    compiled_straight_step,
+)
 
 N, M, NQ = 3, 8, 11  # Fingers, links, joints.
 
@@ -90,3 +99,40 @@ def test_straight_steps_are_those_of_the_reference():
         if found is not None:
             np.testing.assert_allclose(found, expected, atol=1e-14)
     assert 50 < sum(can_move) < 250
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_goals_in_the_world_are_those_of_the_reference(seed):
+    rng = np.random.default_rng(seed)
+    axis = PalmAxis(
+        R_AL=Rotation.random(random_state=seed).as_matrix(),
+        p_AL=rng.normal(size=3),
+        p_OCoM=rng.normal(size=3),
+        finger_azimuths=rng.uniform(-np.pi, np.pi, N),
+        yaw_range=(-0.3, 0.4) if seed % 2 else (-np.inf, np.inf),
+    )
+    command = SimpleNamespace(
+        R_WG=Rotation.random(random_state=seed + 20).as_matrix(),
+        p_WG=rng.normal(size=3),
+        V_WG=rng.normal(size=(2, 3)),
+    )
+    arguments = axis, command, *rng.normal(size=(2, N, 3)), 10 * rng.normal(), 0.03
+    expected, found = hand_goals(*arguments), compiled_hand_goals(*arguments)
+    for name, value in vars(expected).items():
+        np.testing.assert_allclose(getattr(found, name), value, atol=1e-13, err_msg=name)
+
+
+@pytest.mark.parametrize("speed", [0.01, 1.0])
+def test_velocities_toward_goals_are_those_of_the_reference(speed):
+    rng, pace = np.random.default_rng(2), Pace(speed, 5.0, 0.01)
+    for _ in range(40):
+        p, v, p_WT = 0.01 * rng.normal(size=(3, N, 3))
+        pose = HandPose(np.empty(0), np.empty(0), p_WT, rng.normal(size=(N, 3, NQ)))
+        arguments = (
+            HandGoals(p, v, np.zeros(3), np.zeros(3), 0.0, 0.0),
+            pose,
+            0.02 * rng.normal(size=NQ),
+            pace,
+        )
+        found = compiled_goal_velocities(*arguments)
+        np.testing.assert_allclose(found, goal_velocities(*arguments), atol=1e-13)

@@ -14,7 +14,8 @@ from drake_pregrasp.config.planner_config import MeasuresConfig
 from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.grasping.grasp_state import NO_LIMIT, NOT_BLOCKED
-from drake_pregrasp.grasping.hand_commands import GraspCommand, HandGoals
+from drake_pregrasp.grasping.hand_commands import GraspCommand
+from drake_pregrasp.grasping.hand_goals import HandGoals
 from drake_pregrasp.regions.finger_measures import FingerMeasures
 from drake_pregrasp.systems.sources import HandPose
 
