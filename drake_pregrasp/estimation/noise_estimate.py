@@ -20,7 +20,7 @@ _MEDIAN = 0.789  # Median of a chi-square number with 3 degrees of freedom over 
 _TOLERATED = 2.5  # Variance over the assumed one that may be chance, or the motion's.
 _MOST = 25.0  # Largest variance over the assumed one that is believed.
 _CLOSEST = 1e-6  # Times that differ by less, in seconds, do not tell a difference.
-_ONES = np.ones(2)
+_ONES, _EACH = np.ones(2), np.eye(POSES)
 _NO_POSES = np.full((POSES, 7), np.nan)
 
 
@@ -95,11 +95,10 @@ class NoiseEstimate:
         poses[:-1, 1:4] -= rotation_vector(measurement.R_WO @ before.R_WO.T)
         poses[-1, 1:4] = 0.0
         times = poses[:, 0]
-        gaps = times[:, None] - times
-        if not np.diag(gaps, -1).min() > _CLOSEST:  # Also if a pose is missing.
+        if not np.minimum.reduce(times[1:] - times[:-1]) > _CLOSEST:  # Also if a pose is missing.
             return NoiseEstimate(poses, self.squares)
-        np.fill_diagonal(gaps, 1.0)
-        weights = 1 / gaps.prod(axis=1)
+        weights = 1 / np.multiply.reduce(times[:, None] - times + _EACH, axis=1)
         parts = (weights @ poses[:, 1:]).reshape(2, 3)
-        square = (parts * parts).mean(axis=1) / ((weights @ weights) * variances)
+        expected = 3 * (weights @ weights) * variances
+        square = np.add.reduce(parts * parts, axis=1) / expected
         return NoiseEstimate(poses, np.concatenate([self.squares[1:], square[None]]))

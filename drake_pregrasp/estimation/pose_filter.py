@@ -25,9 +25,9 @@ from drake_pregrasp.estimation.pose_belief import (
     shifted,
 )
 from drake_pregrasp.geometry.rotations import (
-    left_jacobian,
+    rotation_matrices,
     rotation_matrix,
-    rotation_vector,
+    rotation_vectors,
     skew,
 )
 
@@ -62,8 +62,7 @@ def merged(belief: PoseBelief) -> PoseBelief:
 def _coordinates(belief: PoseBelief) -> tuple[FloatArray, FloatArray]:
     """Returns the likeliest orientation R, and the means with theta from R, shape (K, 12)."""
     R = belief.R_WO[belief.weights.argmax()]
-    thetas = [rotation_vector(each @ R.T) for each in belief.R_WO]
-    return R, np.hstack([thetas, belief.p_WCoM, belief.V_WCoM])
+    return R, np.hstack([rotation_vectors(belief.R_WO @ R.T), belief.p_WCoM, belief.V_WCoM])
 
 
 def mixed(belief: PoseBelief, dt: float, noise: PoseFilterNoise) -> PoseBelief:
@@ -94,7 +93,7 @@ def mixed(belief: PoseBelief, dt: float, noise: PoseFilterNoise) -> PoseBelief:
     return PoseBelief(
         belief.time,
         weights,
-        np.array([rotation_matrix(row[:3]) @ R for row in x]),
+        rotation_matrices(x[:, :3]) @ R,
         x[:, 3:6],
         x[:, 6:],
         own * belief.P + (1 - own) * P + own * (1 - own) * spread,
@@ -159,10 +158,8 @@ def transitions(belief: PoseBelief, dt: float) -> FloatArray:
     With Exp(turn) the rotation of the step, an error theta turns with it, and an error e of w_WO
     adds J(turn) e dt to theta, with the left Jacobian J of Exp.
     """
-    F = np.tile(np.eye(12), (len(belief.weights), 1, 1))
-    for each, turn in zip(F, belief.V_WCoM[:, :3] * dt, strict=True):
-        each[:3, :3] = rotation_matrix(turn)
-        each[:3, 6:9] = dt * left_jacobian(turn)
+    F, turns = np.tile(np.eye(12), (len(belief.weights), 1, 1)), belief.V_WCoM[:, :3] * dt
+    F[:, :3, :3], F[:, :3, 6:9] = rotation_matrices(turns), dt * rotation_matrices(turns, order=1)
     F[:, 3:6, 9:] = dt * _I
     return F
 
@@ -229,7 +226,7 @@ def pose_residual(
         noise_factors: Factors on the assumed variances of a measured orientation and position,
             shape (2,); 1 by default.
     """
-    thetas = [rotation_vector(measurement.R_WO @ R.T) for R in prior.R_WO]
+    thetas = rotation_vectors(measurement.R_WO @ prior.R_WO.transpose(0, 2, 1))
     H = np.tile(np.eye(6, 12), (len(thetas), 1, 1))
     offset = measurement.p_WO - prior.p_WCoM
     if p_OCoM is not None:

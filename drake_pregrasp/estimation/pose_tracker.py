@@ -99,10 +99,7 @@ def update_track(
         changes |= _used(track, measurement, new.belief, confirmations, settings)
     else:
         changes |= _refused(track, seen, measurement, settings)
-    after = replace(track, **changes)
-    if is_used and not (is_late or is_doubted):
-        vars(after)["newest"] = new.belief  # Fills the cached property.
-    return after
+    return replace(track, **changes)
 
 
 def _begun(
