@@ -10,9 +10,16 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.estimation.recorded_poses import RecordedPoses
 from drake_pregrasp.geometry import shapes
 from drake_pregrasp.geometry.random_objects import OBJECTS_URL, random_object
+from drake_pregrasp.geometry.resting import settled_rotation, stable_rotation
 from drake_pregrasp.geometry.solids import BoxSolid
 from drake_pregrasp.interfaces.pose_files import read_poses
 from drake_pregrasp.resources import resolve_path
+
+
+def rotation_matrix(rpy: list[float]) -> FloatArray:
+    """Returns the rotation matrix of roll, pitch and yaw in radians, shape (3, 3)."""
+    R: FloatArray = RollPitchYaw(rpy).ToRotationMatrix().matrix()
+    return R
 
 
 def zeros() -> list[float]:
@@ -41,19 +48,42 @@ class BoxFields:
 
     def make_solid(self) -> BoxSolid:
         """Returns the box, in F."""
-        R_FB = RollPitchYaw(self.rpy).ToRotationMatrix().matrix()
-        return BoxSolid(np.array(self.center), R_FB, np.array(self.size))
+        return BoxSolid(np.array(self.center), rotation_matrix(self.rpy), np.array(self.size))
 
 
 _LENGTH = {"at_least": 0.001, "at_most": 1}
 _MASS = {"above": 0, "at_most": 1000}
 
+PLACED, SETTLED, STABLE = "placed", "settled", "stable"
+"""Values of `Orientation.rest`."""
+
+
+@dataclass(kw_only=True)
+class Orientation:
+    """How a shape is turned about the origin of O, whose axes are those of W at the start."""
+
+    # Roll, pitch and yaw of the shape in O, in radians.
+    rpy: list[float] = field(default_factory=zeros, metadata=POINT)
+
+    # Whether the shape is turned further, so that it rests on a table: not if `placed`; until it
+    # rests if `settled`; to its most probable resting pose after a drop if `stable` (extra
+    # `meshes`).
+    rest: str = field(default=PLACED, metadata={"one_of": (PLACED, SETTLED, STABLE)})
+
+    def turned(self, shape: shapes.Shape) -> shapes.Shape:
+        """Returns a shape with this orientation in O."""
+        shape = shape.turned(rotation_matrix(self.rpy))
+        if self.rest == PLACED:
+            return shape
+        rotation = stable_rotation if self.rest == STABLE else settled_rotation
+        return shape.turned(rotation(shape.mesh))
+
 
 @dataclass
-class Box:
+class Box(Orientation):
     """A homogeneous box whose frame O is at its centre."""
 
-    # Edge lengths along x, y and z of O, in metres.
+    # Edge lengths along the box's own x, y and z, in metres.
     size: list[float] = field(
         default_factory=lambda: [0.1, 0.1, 0.1],
         metadata={"length": 3, "at_least": 0.005, "at_most": 0.25},
@@ -64,12 +94,17 @@ class Box:
 
     def make_shape(self) -> shapes.Shape:
         """Returns the shape in O."""
-        return shapes.box_shape(self.size)
+        return self.turned(shapes.box_shape(self.size))
+
+    @property
+    def is_aligned(self) -> bool:
+        """Whether the edges of the box are along the axes of O."""
+        return self.rest == PLACED and not any(self.rpy)
 
 
 @dataclass
-class Cylinder:
-    """A homogeneous cylinder whose frame O is at its centre, with z along its axis."""
+class Cylinder(Orientation):
+    """A homogeneous cylinder along z, whose frame O is at its centre."""
 
     # Radius, in metres.
     radius: float = field(default=0.033, metadata=_LENGTH)
@@ -82,7 +117,7 @@ class Cylinder:
 
     def make_shape(self) -> shapes.Shape:
         """Returns the shape in O."""
-        return shapes.cylinder_shape(self.radius, self.length)
+        return self.turned(shapes.cylinder_shape(self.radius, self.length))
 
 
 @dataclass
@@ -101,8 +136,8 @@ class Ball:
 
 
 @dataclass
-class Revolved:
-    """A homogeneous body of revolution about z of O, such as a bottle or a cup."""
+class Revolved(Orientation):
+    """A homogeneous body of revolution about z, such as a bottle or a cup."""
 
     # Points (r, z) of the outline in metres, r >= 0, with z increasing along the outside, from the
     # axis back to the axis. An outline that does not end there is closed into a ring.
@@ -121,12 +156,12 @@ class Revolved:
 
     def make_shape(self) -> shapes.Shape:
         """Returns the shape in O."""
-        return shapes.revolved_shape(self.profile)
+        return self.turned(shapes.revolved_shape(self.profile))
 
 
 @dataclass
-class Mesh:
-    """A homogeneous body with the surface of a mesh file, whose frame is O."""
+class Mesh(Orientation):
+    """A homogeneous body with the surface of a mesh file, whose origin is that of O."""
 
     # OBJ, STL, PLY, OFF or glTF file with a watertight mesh, relative to the folder of the
     # scenario's file; package://drake_pregrasp/... for a shipped mesh; or objects://random/000.obj
@@ -142,8 +177,9 @@ class Mesh:
     def make_shape(self) -> shapes.Shape:
         """Returns the shape in O."""
         if self.file.startswith(OBJECTS_URL):
-            return random_object(self.file, self.scale)
-        return shapes.load_shape(resolve_path(self.file, Path.cwd()), scale=self.scale)
+            return self.turned(random_object(self.file, self.scale))
+        path = resolve_path(self.file, Path.cwd())
+        return self.turned(shapes.load_shape(path, scale=self.scale))
 
 
 ObjectConfig = Box | Cylinder | Ball | Revolved | Mesh

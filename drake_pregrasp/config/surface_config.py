@@ -141,7 +141,7 @@ class SurfaceConfig:
             "forbidden_spacing": self.forbidden_spacing,
             "forbidden_radius": self.forbidden_radius,
         }
-        if isinstance(config, Box) and not self.no_touch:
+        if isinstance(config, Box) and config.is_aligned and not self.no_touch:
             return box_surface(
                 config.size,
                 forbidden_faces=self.forbidden_faces,

@@ -1,7 +1,7 @@
 """Closed triangle meshes of objects: primitives, surfaces of revolution, and mesh files."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import cast
@@ -60,6 +60,13 @@ class Shape:
     def solid(self) -> SignedDistance:
         """The body in O, for a hand that moves around it."""
         return self.simple or MeshSolid.of(self.mesh)
+
+    def turned(self, R: FloatArray) -> "Shape":
+        """Returns the shape turned about the origin of O by a rotation matrix, shape (3, 3)."""
+        if np.array_equal(R, np.eye(3)):
+            return self
+        mesh = trimesh.Trimesh(self.mesh.vertices @ R.T, self.mesh.faces, process=False)
+        return replace(self, mesh=mesh, simple=self.simple and self.simple.moved(R, np.zeros(3)))
 
     def part(self, name: str) -> int:
         """Returns the index of the part with a name.

@@ -12,7 +12,7 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.finger_config import capability_at, remaining_contacts
 from drake_pregrasp.config.grasp_config import ABOVE, SIDE, GraspConfig
 from drake_pregrasp.config.hand_description import HandDescription
-from drake_pregrasp.config.object_config import Box, Mesh, PoseStream, Push, Toss
+from drake_pregrasp.config.object_config import Box, Mesh, PoseStream, Push, Revolved, Toss
 from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.contacts.assignment import assign_fingers, palm_turn, ring_contacts
 from drake_pregrasp.contacts.start_contacts import StartContacts
@@ -181,7 +181,8 @@ def _plant_config(scenario: Scenario) -> MultibodyPlantConfig:
 
 
 def _shape(scenario: Scenario) -> Shape:
-    with errors_at("object.file" if isinstance(scenario.object, Mesh) else "object.profile"):
+    key = {Mesh: "file", Revolved: "profile"}.get(type(scenario.object), "rest")
+    with errors_at(f"object.{key}"):
         return scenario.object.make_shape()
 
 
@@ -215,7 +216,8 @@ def _given_contacts(scenario: Scenario, surface: ObjectSurface) -> FloatArray:
         return ring_contacts(surface, scenario.ring_contacts)
     low, high = surface.mesh.bounds
     p_OC: FloatArray = (low + high) / 2 + np.array(scenario.initial_contacts) * (high - low) / 2
-    return p_OC if isinstance(scenario.object, Box) else surface.project(p_OC)[0]
+    is_on_faces = isinstance(scenario.object, Box) and scenario.object.is_aligned
+    return p_OC if is_on_faces else surface.project(p_OC)[0]
 
 
 def _given_start(scenario: Scenario, surface: ObjectSurface, X_WO: RigidTransform) -> StartContacts:

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+import trimesh
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
@@ -14,12 +15,24 @@ from trimesh.remesh import subdivide_to_size
 from drake_pregrasp.arrays import SLACK, tick_index
 from drake_pregrasp.config.finger_config import capability_at, remaining_contacts
 from drake_pregrasp.config.limits_config import LimitsConfig
-from drake_pregrasp.config.object_config import Box, Conveyor, PoseStream, Push, Toss
+from drake_pregrasp.config.object_config import (
+    PLACED,
+    SETTLED,
+    STABLE,
+    Ball,
+    Box,
+    Conveyor,
+    ObjectConfig,
+    PoseStream,
+    Push,
+    Toss,
+)
 from drake_pregrasp.config.sensor_config import fault_problems
 from drake_pregrasp.contacts.strategies import BLEND, STRATEGIES
 from drake_pregrasp.diagrams.expected_path import expected_poses
 from drake_pregrasp.diagrams.hand_parsing import failures_as_errors
 from drake_pregrasp.errors import Problems, ScenarioError, errors_at, first_line, raise_first
+from drake_pregrasp.geometry.resting import FIRM, settled_rotation
 from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.regions.coordinates import GIVEN, QUANTITIES
@@ -78,7 +91,8 @@ def _contact_problems(scenario: Scenario, count: int, surface: ObjectSurface) ->
     if count == 0:
         yield "initial_contacts", "has none; give at least one, or a hand that chooses them"
     yield from _length_problems("hand.fingertips", scenario.hand_frame.fingertips, count)
-    if isinstance(scenario.object, Box) and not scenario.ring_contacts:
+    body = scenario.object
+    if isinstance(body, Box) and body.is_aligned and not scenario.ring_contacts:
         p_OC = np.reshape(scenario.initial_contacts, (-1, 3)) * extents / 2
         for index, distance in enumerate(np.abs(surface.distance(p_OC))):
             if distance > CONTACT_TOLERANCE:
@@ -229,6 +243,8 @@ def _capability_problems(scenario: Scenario, n: int) -> Problems:
 
 def _motion_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     motion = scenario.motion
+    if isinstance(motion, Conveyor | Push):
+        yield from _rest_problems(scenario.object, surface.mesh)
     if isinstance(motion, Conveyor):
         yield from _profile_problems(motion.profile)
     elif isinstance(motion, Toss):
@@ -245,6 +261,16 @@ def _motion_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     elif isinstance(motion, PoseStream):
         with errors_at("motion.file"):
             motion.read()
+
+
+def _rest_problems(config: ObjectConfig, mesh: trimesh.Trimesh) -> Problems:
+    if isinstance(config, Ball) or config.rest != PLACED:
+        return
+    tilt = float(np.arccos(np.clip(settled_rotation(mesh)[2, 2], -1, 1)))
+    if tilt > FIRM:
+        degrees = f"{np.degrees(tilt):.3g}°, at most {np.degrees(FIRM):g}°"
+        problem = f"{config.rest} leaves the object where it does not rest: it tips by {degrees}"
+        yield "object.rest", f"{problem}; choose {SETTLED} or {STABLE}, or another rpy"
 
 
 def _profile_problems(profile: list[list[float]]) -> Problems:
