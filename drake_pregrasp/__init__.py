@@ -3,7 +3,7 @@
 from drake_pregrasp.config.grasp_config import GraspConfig, hand_limits
 from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.config.limits_config import BallReach, BoxReach, LimitsConfig, SectorReach
-from drake_pregrasp.config.object_config import Box, Conveyor
+from drake_pregrasp.config.object_config import Ball, Box, Conveyor, Cylinder, Mesh, Revolved
 from drake_pregrasp.config.planner_config import (
     BlendConfig,
     CoordinateConfig,
@@ -18,7 +18,9 @@ from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_parsing import add_hand_model
 from drake_pregrasp.diagrams.hand_station import HandStation
-from drake_pregrasp.diagrams.object_plant import ObjectPlant
+from drake_pregrasp.diagrams.object_body import add_object
+from drake_pregrasp.diagrams.object_contact import separate_contacts
+from drake_pregrasp.diagrams.object_plant import ObjectPlant, add_to_package_map
 from drake_pregrasp.diagrams.palm_base import ArmKinematics
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.errors import (
@@ -69,6 +71,7 @@ __all__ = [
     "AddHandController",
     "AddPregraspPlanner",
     "ArmKinematics",
+    "Ball",
     "BallReach",
     "BallSolid",
     "BlendConfig",
@@ -80,6 +83,7 @@ __all__ = [
     "ContactStatus",
     "Conveyor",
     "CoordinateConfig",
+    "Cylinder",
     "DifferentialKinematics",
     "EstimatorConfig",
     "FingertipSensor",
@@ -102,6 +106,7 @@ __all__ = [
     "LimitsConfig",
     "MeasurementFaults",
     "MeasurementVerdict",
+    "Mesh",
     "NoGraspError",
     "NoiseSource",
     "NoisyPoseSensor",
@@ -117,6 +122,7 @@ __all__ = [
     "PregraspPlanner",
     "PregraspVisualizer",
     "ResolvedScenario",
+    "Revolved",
     "RunResult",
     "SafeRegionPartitioner",
     "Scenario",
@@ -127,6 +133,8 @@ __all__ = [
     "WeightFunction",
     "__version__",
     "add_hand_model",
+    "add_object",
+    "add_to_package_map",
     "box_surface",
     "capability_weights",
     "choose_approach",
@@ -141,5 +149,6 @@ __all__ = [
     "resolve",
     "ring_contacts",
     "run",
+    "separate_contacts",
     "shipped_scenarios",
 ]

@@ -1,14 +1,15 @@
 """A hand that plans and grasps in a diagram of your own."""
 
+import warnings
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.geometry import SceneGraph
+from pydrake.geometry import GeometryId, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import DiagramBuilder, System
 
 from drake_pregrasp.arrays import FloatArray
@@ -21,6 +22,12 @@ from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_parsing import HAND
 from drake_pregrasp.diagrams.hand_station import TABLE
+from drake_pregrasp.diagrams.object_contact import (
+    contact_problems,
+    has_hull_and_surface,
+    only_free_body,
+    separate_contacts,
+)
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.errors import InvalidArgumentError
@@ -154,6 +161,7 @@ def AddHandController(
     object_solid: SignedDistance | None = None,
     fixed: Sequence[Solid] = (TABLE.solid,),
     scene_graph: SceneGraph | None = None,
+    body: RigidBody | None = None,
 ) -> GraspingHand:
     """Adds a planner and a controller for a hand, and connects them to each other and to a plant.
 
@@ -178,8 +186,10 @@ def AddHandController(
         object_solid: The object in O; None for the inside of the surface's mesh.
         fixed: Solids in W that fingertips avoid, such as the table.
         scene_graph: SceneGraph of the plant, in which links of the same finger, and those of the
-            base, no longer collide with each other, nor fingers with the base. None: nothing
-            changes.
+            base, no longer collide with each other, nor fingers with the base, and an object from
+            `add_object` touches other bodies as in scenarios (`separate_contacts`). A
+            `UserWarning` says if fingertips cannot hold the object. None: nothing changes.
+        body: Body of the object, for its contact; None for the only free body of the plant.
 
     Raises:
         NoGraspError: If contacts are to be chosen, but there is no grasp.
@@ -232,6 +242,8 @@ def AddHandController(
         inspector = scene_graph.model_inspector()
         links = hand_links(plant, tips, model.tip_radii, inspector)
         separate_fingers(scene_graph.collision_filter_manager(), links)
+        tip_geometries = [geometry for geometry, link in links.items() if link.is_tip]
+        _prepare_contact(plant, scene_graph, body, tip_geometries, surface)
     plant.SetDefaultPositions(robot, controller.initial)
     for port, name in (
         (plant.get_state_output_port(robot), "hand_state"),
@@ -241,6 +253,24 @@ def AddHandController(
     desired = plant.get_desired_state_input_port(robot)
     builder.Connect(controller.GetOutputPort("desired_state"), desired)
     return added
+
+
+def _prepare_contact(
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    body: RigidBody | None,
+    fingertips: Sequence[GeometryId],
+    surface: ObjectSurface,
+) -> None:
+    """Separates the contacts of an object, and warns if fingertips cannot hold it."""
+    if (body := body or only_free_body(plant)) is None:
+        return
+    inspector, mesh = scene_graph.model_inspector(), surface.mesh
+    if has_hull_and_surface(plant, inspector, body):
+        separate_contacts(plant, scene_graph, body, is_convex=mesh.is_convex)
+    problems = list(contact_problems(plant, inspector, body, fingertips, mesh.volume))
+    if problems:
+        warnings.warn(f"contact: {'; '.join(problems)}", stacklevel=3)
 
 
 def choose_approach(

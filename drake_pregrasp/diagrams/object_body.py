@@ -20,9 +20,7 @@ from pydrake.geometry import (
     InMemoryMesh,
     ProximityProperties,
     Role,
-    RoleAssign,
     SceneGraph,
-    Sphere,
 )
 from pydrake.geometry import Mesh as MeshGeometry
 from pydrake.math import RigidTransform
@@ -37,6 +35,7 @@ from pydrake.multibody.tree import (
 )
 
 from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.systems.drawing import BODY_COLOR, drawn_solid
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
@@ -56,10 +55,11 @@ MODULUS = 3e7
 DISSIPATION = 100.0
 """Dissipation of Hunt and Crossley, the same as that of tables, in s/m: nothing bounces."""
 
+HULL, SURFACE = "hull", "surface"
+"""Names of the collision geometries of an object."""
+
 _COLOR = np.array([0.78, 0.80, 0.83, 1.0])
 _DIGITS = 12  # Digits of coordinates in the OBJ text of a mesh for Drake.
-_LINK_MODULUS = 1e8  # Of links that touch a mesh, in Pa: 5 N press a fingertip 0.1 mm deep.
-_LINK_RESOLUTION = 0.003  # Edge length of the facets of such links, in metres.
 _MANY_CORNERS = 6  # So many corners give four points of contact that are not in a line.
 _RESTING_DEPTH = 5e-6  # Of an object on its widest face, in metres. Stiffer objects rock.
 _RESOLUTION = 0.1  # Drake requires it, but a hull is not tessellated.
@@ -68,15 +68,20 @@ _BALL_RESOLUTION = 0.02  # Edges of the tetrahedra of obstacles that are balls, 
 _GAINS = PdControllerGains(p=1e4, d=2e2)  # The same as those of the conveyor.
 
 
-def add_object_body(
+def add_object(
     plant: MultibodyPlant,
     shape: Shape,
     mass: float,
     *,
     friction: float = FRICTION,
     slides: bool = False,
+    name: str = "object",
 ) -> RigidBody:
-    """Adds the object to a plant that is not finalized, and returns its body, whose frame is O.
+    """Adds an object to a plant that is not finalized, and returns its body, whose frame is O.
+
+    The body is homogeneous and free. Its collision geometries are its convex hull, which is
+    compliant, and its mesh, which is rigid. When the plant is finalized, `separate_contacts` lets
+    each of the other bodies collide with one of the two.
 
     Args:
         plant: Plant to which the object is added.
@@ -85,9 +90,20 @@ def add_object_body(
         friction: Coulomb's coefficient of the object.
         slides: Whether the object slides over a table or lands on it. Friction then moves the
             pressure to the front of its base, so that contact is needed near the edges, too.
+        name: Name of the body and of its model instance.
+
+    Raises:
+        InvalidArgumentError: If `mass` is not positive, or the plant is finalized or has a model
+            instance of this name.
     """
+    if not 0 < mass < np.inf:
+        raise InvalidArgumentError(f"mass must be greater than 0, not {mass}")
+    if plant.is_finalized():
+        raise InvalidArgumentError("plant: add the object before the plant is finalized")
+    if plant.HasModelInstanceNamed(name):
+        raise InvalidArgumentError(f"name: the plant has a model instance {name} already")
     inertia = _spatial_inertia(shape, mass)
-    body = plant.AddRigidBody("object", plant.AddModelInstance("object"), inertia)
+    body = plant.AddRigidBody(name, plant.AddModelInstance(name), inertia)
     if not plant.geometry_source_is_registered():
         return body
     X_OG = RigidTransform()
@@ -100,48 +116,13 @@ def add_object_body(
     AddCompliantHydroelasticProperties(_RESOLUTION, modulus, compliant)
     AddRigidHydroelasticProperties(rigid)
     tetrahedra = MeshGeometry(mesh_data=_hull_data(hull, has_rims=slides))
-    plant.RegisterCollisionGeometry(body, X_OG, tetrahedra, "hull", compliant)
+    plant.RegisterCollisionGeometry(body, X_OG, tetrahedra, HULL, compliant)
     surface = MeshGeometry(mesh_data=_mesh_data(shape.mesh))
-    plant.RegisterCollisionGeometry(body, X_OG, surface, "surface", rigid)
+    plant.RegisterCollisionGeometry(body, X_OG, surface, SURFACE, rigid)
     # Drake's VTK renderer needs normals, which at edges are different for each face.
     drawn = MeshGeometry(mesh_data=_mesh_data(shape.mesh.smooth_shaded))
-    plant.RegisterVisualGeometry(body, X_OG, drawn, "surface", _COLOR)
+    plant.RegisterVisualGeometry(body, X_OG, drawn, SURFACE, _COLOR)
     return body
-
-
-def separate_contacts(
-    plant: MultibodyPlant, scene_graph: SceneGraph, body: RigidBody, *, is_convex: bool
-) -> None:
-    """Lets spheres touch the mesh of an object, and the rest its hull.
-
-    Links without hydroelastic properties have points of contact with the hull if the object is
-    convex. Otherwise they become compliant and touch the mesh.
-
-    Args:
-        plant: Plant with all bodies that the object may touch.
-        scene_graph: SceneGraph of the plant.
-        body: Body of the object.
-        is_convex: Whether the object is convex.
-    """
-    hull, surface = plant.GetCollisionGeometriesForBody(body)
-    inspector = scene_graph.model_inspector()
-    fine, flat = [], []
-    for geometry in inspector.GetAllGeometryIds(Role.kProximity):
-        properties = ProximityProperties(inspector.GetProximityProperties(geometry))
-        is_point = not properties.HasProperty("hydroelastic", "compliance_type")
-        if is_point and not is_convex:
-            AddCompliantHydroelasticProperties(_LINK_RESOLUTION, _LINK_MODULUS, properties)
-            source = plant.get_source_id()
-            scene_graph.AssignRole(source, geometry, properties, RoleAssign.kReplace)
-            fine.append(geometry)
-        elif not is_point and isinstance(inspector.GetShape(geometry), Sphere):
-            fine.append(geometry)
-        else:
-            flat.append(geometry)
-    only = CollisionFilterDeclaration()
-    only.ExcludeBetween(GeometrySet(hull), GeometrySet(fine))
-    only.ExcludeBetween(GeometrySet(surface), GeometrySet(flat))
-    scene_graph.collision_filter_manager().Apply(only)
 
 
 def resting_position(shape: Shape) -> FloatArray:

@@ -22,10 +22,10 @@ from drake_pregrasp.config.object_config import (
 from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.object_body import (
     FRICTION,
-    add_object_body,
+    add_object,
     add_obstacle_bodies,
-    separate_contacts,
 )
+from drake_pregrasp.diagrams.object_contact import separate_contacts
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.geometry.shapes import Shape
@@ -38,10 +38,15 @@ MovingObject = tuple[MultibodyPlant, SceneGraph, OutputPort]
 """Plant with the object's body, SceneGraph with its geometry, and the port with its pose X_WO."""
 
 
+def add_to_package_map(parser: Parser) -> None:
+    """Adds `package://drake_pregrasp`, the shipped models, to the package map of a parser."""
+    parser.package_map().AddPackageXml(str(resource_folder("models") / "package.xml"))
+
+
 def add_model(plant: MultibodyPlant, file: str) -> ModelInstanceIndex:
     """Adds a shipped model to a plant, and returns its instance."""
     parser = Parser(plant)
-    parser.package_map().AddPackageXml(str(resource_folder("models") / "package.xml"))
+    add_to_package_map(parser)
     (model,) = parser.AddModelsFromUrl(f"package://drake_pregrasp/{file}")
     return model
 
@@ -80,7 +85,7 @@ def add_moving_object(
         return _add_replay(builder, shape, mass, motion, plant_config)
     plant, scene_graph = AddMultibodyPlant(plant_config, builder)
     slides, mesh = isinstance(motion, Toss), shape.mesh
-    body = add_object_body(plant, shape, mass, friction=friction, slides=slides)
+    body = add_object(plant, shape, mass, friction=friction, slides=slides)
     if isinstance(motion, Conveyor):
         driven, profile = add_model(plant, "conveyor_table.sdf"), motion.velocities()
     elif isinstance(motion, Push):
@@ -186,7 +191,7 @@ def _add_replay(
     plant = MultibodyPlant(plant_config.time_step)
     scene_graph = builder.AddNamedSystem("scene_graph", SceneGraph())
     source = plant.RegisterAsSourceForSceneGraph(scene_graph)
-    body = add_object_body(plant, shape, mass)
+    body = add_object(plant, shape, mass)
     plant.Finalize()
     frame = plant.GetBodyFrameIdOrThrow(body.index())
     replay = builder.AddNamedSystem("pose_replay", PoseReplay(motion.read(), frame))

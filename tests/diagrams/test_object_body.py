@@ -17,7 +17,7 @@ from thin_cup import HEIGHT, PROFILE, WALL
 
 from drake_pregrasp import ObjectPlant
 from drake_pregrasp.config.object_config import Ball, Box, Conveyor, Cylinder, Mesh, Revolved
-from drake_pregrasp.diagrams.object_body import add_object_body, resting_position
+from drake_pregrasp.diagrams.object_body import add_object, resting_position
 from drake_pregrasp.diagrams.object_plant import add_moving_object
 from drake_pregrasp.geometry.random_objects import object_url
 from drake_pregrasp.resources import resource_folder
@@ -35,7 +35,7 @@ STANDING = ["cup", "can", "mug", "bracket"]
 
 def spatial_inertia(config):
     plant = MultibodyPlant(0.01)
-    body = add_object_body(plant, config.make_shape(), config.mass)
+    body = add_object(plant, config.make_shape(), config.mass)
     plant.Finalize()
     return body.CalcSpatialInertiaInBodyFrame(plant.CreateDefaultContext())
 
@@ -147,5 +147,5 @@ def test_faces_that_are_almost_flat_make_a_body_too():
     pytest.importorskip("manifold3d")
     for index in (2, 8, 52):
         plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.01)
-        body = add_object_body(plant, Mesh(object_url(index)).make_shape(), 0.3)
+        body = add_object(plant, Mesh(object_url(index)).make_shape(), 0.3)
         assert len(scene_graph.model_inspector().GetAllGeometryIds()) >= 3, body.name()
