@@ -72,11 +72,16 @@ class DistanceGrid:
         Args:
             p_MP: Positions of the points in M, shape (k, 3), in metres.
         """
-        first, share, is_beyond = self._cells(p_MP)
+        # One row for each axis, whose passes over many points take least time.
+        places = np.subtract(p_MP.T, self.low[:, None], order="C")
+        places /= self.cell
+        last, tie = self.counts[:, None] - 1.0, _TIE / self.cell
+        is_within = np.logical_and.reduce((places >= -tie) & (places <= last + tie), axis=0)
         field = self.nodes[:, 0].reshape(self.counts)
-        distances: FloatArray = map_coordinates(field, (first + share).T, order=1)
-        if is_beyond.any():
-            distances[is_beyond], _ = self._beyond(p_MP[is_beyond], first[is_beyond])
+        distances: FloatArray = map_coordinates(field, places, order=1, mode="nearest")
+        if not is_within.all():
+            beyond = p_MP[~is_within]
+            distances[~is_within], _ = self._beyond(beyond, self._cells(beyond)[0])
         return distances
 
     def _cells(self, p_MP: FloatArray) -> tuple[IntArray, FloatArray, BoolArray]:
@@ -125,7 +130,9 @@ def distance_grid(mesh: trimesh.Trimesh, cell: float = CELL) -> DistanceGrid:
     # Long thin faces have many more parts than their size needs: one for each of them and place.
     places = np.column_stack([parts.faces, np.round(parts.centroids / (_EDGE / 4))])
     parts = parts.chosen(np.unique(places, axis=0, return_index=True)[1])
-    face = parts.faces[cKDTree(parts.centroids).query(p, workers=-1)[1]]
+    # Nodes of the tree that fill space, rather than bound its points, take half the time here.
+    tree = cKDTree(parts.centroids, compact_nodes=False, leafsize=32)
+    face = parts.faces[tree.query(p, workers=-1)[1]]
     away = np.empty((len(p), 3))
     for chunk in np.array_split(np.arange(len(p)), 1 + len(p) // _CHUNK):
         away[chunk] = p[chunk] - closest_points(corners[face[chunk]], p[chunk])
