@@ -16,7 +16,7 @@ from drake_pregrasp.contacts.selection_input import ContactStatus, SelectionInpu
 from drake_pregrasp.diagrams.grasping_hand import AddHandController, GraspingHand, choose_approach
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.diagrams.hand_parsing import add_hand_model
+from drake_pregrasp.diagrams.hand_parsing import add_hand_model, complete_hand_model
 from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.object_body import add_object
 from drake_pregrasp.diagrams.object_contact import separate_contacts
@@ -138,6 +138,7 @@ __all__ = [
     "box_surface",
     "capability_weights",
     "choose_approach",
+    "complete_hand_model",
     "compute_safe_regions",
     "hand_limits",
     "load_hand",

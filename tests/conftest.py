@@ -24,8 +24,7 @@ from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.resources import python_package, resource_folder
-from drake_pregrasp.robots.allegro_panda import find_robot_data
-from drake_pregrasp.robots.robot_models import robot_model
+from drake_pregrasp.robots.robot_data import find_robot_data
 from drake_pregrasp.studies.study_file import shipped_studies
 
 # The same examples every time; machines differ too much for deadlines.
@@ -106,10 +105,10 @@ def lacking_robots() -> str:
 
 @pytest.fixture(scope="session")
 def allegro_panda() -> Path:
-    """The URDF of an Allegro hand on a Panda arm, made if it is not there yet."""
+    """The directives of an Allegro hand on a Panda arm, whose models are made if need be."""
     if lacking_robots():
         pytest.skip(lacking_robots())
-    return robot_model("robots://allegro_panda.urdf")
+    return resource_folder("models") / "allegro_panda.dmd.yaml"
 
 
 SLOW_TO_LOAD = (*("finger_measures", "grasp_from_side", "grasp_shadow"),)
@@ -143,7 +142,8 @@ LACKING_HANDS = {
 
 def usable_hands() -> list[Any]:
     """The names of the shipped hands; those that are not there are skipped."""
-    return _usable(sorted(f.stem for f in resource_folder("models").glob("*.yaml")), LACKING_HANDS)
+    files = resource_folder("models").glob("*.yaml")
+    return _usable(sorted(f.stem for f in files if ".dmd" not in f.name), LACKING_HANDS)
 
 
 def _usable(names: Iterable[str], lacking: Mapping[str, str]) -> list[Any]:

@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -14,13 +13,17 @@ from pydrake.systems.framework import DiagramBuilder, System
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
-from drake_pregrasp.config.hand_description import HandDescription
+from drake_pregrasp.config.hand_description import Arm, HandDescription
 from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.diagrams import start_grasp
 from drake_pregrasp.diagrams.approaches import Approach, best_approach, candidate_approaches
 from drake_pregrasp.diagrams.hand_controller import HandController
+from drake_pregrasp.diagrams.hand_instances import (
+    HandInstances,
+    hand_ports,
+    set_default_positions,
+)
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.diagrams.hand_parsing import HAND
 from drake_pregrasp.diagrams.hand_station import TABLE
 from drake_pregrasp.diagrams.object_contact import (
     contact_problems,
@@ -28,6 +31,7 @@ from drake_pregrasp.diagrams.object_contact import (
     only_free_body,
     separate_contacts,
 )
+from drake_pregrasp.diagrams.plant_match import base_pose, matching_joints
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.errors import InvalidArgumentError
@@ -153,7 +157,7 @@ def AddHandController(
     planner: PlannerConfig,
     *,
     plant: MultibodyPlant,
-    robot: ModelInstanceIndex,
+    robot: ModelInstanceIndex | Sequence[ModelInstanceIndex],
     mass: float,
     X_WO: RigidTransform,
     config: GraspConfig | None = None,
@@ -165,19 +169,19 @@ def AddHandController(
 ) -> GraspingHand:
     """Adds a planner and a controller for a hand, and connects them to each other and to a plant.
 
-    The approach is chosen among those of `config.approaches` for which the robot in the plant
-    stands: an arm for all of them; a carrier from the side if `R_WA` of `add_hand_model` was
-    `choose_approach(...).hand.X_LA.rotation()`. The default positions of the robot become those in
-    which the hand starts, over the object. The planner's input `X_WO_measured` and the controller's
-    input `close` must then be connected.
+    The base stands where the plant has it. The approach is chosen among those of
+    `config.approaches` for which it stands so: an arm for all of them; a carrier from the side if
+    `X_WB` of `add_hand_model` was that of `choose_approach(...).hand`. The default positions of the
+    robot become those in which the hand starts, over the object. The planner's input
+    `X_WO_measured` and the controller's input `close` must then be connected.
 
     Args:
         builder: Builder of the diagram, with the plant.
         hand: Description of the hand, from `load_hand`.
         surface: Surface of the object.
         planner: Configuration of the planner; limits of the hand are added.
-        plant: A finalized plant with the robot; see `add_hand_model`.
-        robot: Model instance of the robot in the plant.
+        plant: A finalized plant with the robot; see `add_hand_model` and `complete_hand_model`.
+        robot: Model instances of the hand and of what carries it, in the plant.
         mass: Mass of the object, in kg.
         X_WO: Initial pose of the object.
         config: Configuration of the grasp; None for the default.
@@ -193,10 +197,12 @@ def AddHandController(
 
     Raises:
         NoGraspError: If contacts are to be chosen, but there is no grasp.
-        InvalidArgumentError: If settings do not go together, the hand and its model, or given
-            contacts and the fingers, do not match, or an arm cannot hold the palm over the object.
+        InvalidArgumentError: If settings do not go together, the hand and its model, the robot in
+            the plant, or given contacts and the fingers, do not match, or an arm cannot hold the
+            palm over the object.
     """
     config = config or GraspConfig()
+    instances = HandInstances(plant, [robot] if isinstance(robot, ModelInstanceIndex) else robot)
     for key, problem in start_grasp.grasp_problems(
         config, planner, hand, mass=mass, time_step=plant.time_step()
     ):
@@ -212,7 +218,7 @@ def AddHandController(
         p_OC=p_OC,
         object_solid=solid,
         fixed=fixed,
-        stands=partial(_stands, plant, robot),
+        X_WB=base_pose(HandModel(hand, config.yaw_range), instances),
     )
     planner = start_grasp.hand_planner(planner, config, model.description)
     start_grasp.check_room(model.description, start.has_contact)
@@ -236,22 +242,19 @@ def AddHandController(
             "obstacles", MovingObstacles([MovingSolid(solid, np.zeros(3)) for solid in fixed])
         ),
     )
-    controller = added.controller
     if scene_graph is not None:
-        tips = [plant.GetFrameByName(tip.frame, robot) for tip in hand.fingertips]
+        tips = [instances.frame(tip.frame, "fingertips") for tip in hand.fingertips]
         inspector = scene_graph.model_inspector()
         links = hand_links(plant, tips, model.tip_radii, inspector)
         separate_fingers(scene_graph.collision_filter_manager(), links)
         tip_geometries = [geometry for geometry, link in links.items() if link.is_tip]
         _prepare_contact(plant, scene_graph, body, tip_geometries, surface)
-    plant.SetDefaultPositions(robot, controller.initial)
-    for port, name in (
-        (plant.get_state_output_port(robot), "hand_state"),
-        (plant.get_net_actuation_output_port(robot), "net_actuation"),
-    ):
-        builder.Connect(port, controller.GetInputPort(name))
-    desired = plant.get_desired_state_input_port(robot)
-    builder.Connect(controller.GetOutputPort("desired_state"), desired)
+    joints = matching_joints(model, instances)
+    set_default_positions(joints, added.controller.initial)
+    desired, *measured = hand_ports(builder, plant, joints)
+    builder.Connect(added.controller.GetOutputPort("desired_state"), desired)
+    for port, name in zip(measured, ("hand_state", "net_actuation"), strict=True):
+        builder.Connect(port, added.controller.GetInputPort(name))
     return added
 
 
@@ -284,7 +287,7 @@ def choose_approach(
     p_OC: FloatArray | None = None,
     object_solid: SignedDistance | None = None,
     fixed: Sequence[Solid] = (TABLE.solid,),
-    stands: Callable[[HandModel], bool] = lambda hand: True,
+    X_WB: RigidTransform | None = None,
 ) -> Approach:
     """Returns the approach of `config.approaches` with the best start contacts.
 
@@ -300,7 +303,8 @@ def choose_approach(
         p_OC: Initial contacts in O, shape (n, 3), in metres; None to choose them.
         object_solid: The object in O; None for the inside of the surface's mesh.
         fixed: Solids in W that fingertips avoid, such as the table.
-        stands: Function that returns whether a hand can have its approach.
+        X_WB: Pose of the base, as for `add_hand_model`; None: the origin of W, and for a carrier
+            the orientation of the approach.
 
     Raises:
         NoGraspError: If contacts are to be chosen, but there is no grasp.
@@ -313,26 +317,19 @@ def choose_approach(
     for X_LA in candidate_approaches(config, upright, X_WO, surface.p_OCoM):
         up = R_WO.T @ X_LA.rotation().matrix()[:, 2]
         top = float(np.max((surface.mesh.vertices - surface.p_OCoM) @ up))
-        model = HandModel(hand.over_object(top), config.yaw_range, X_LA)
-        if stands(model):
-            hands.append(model)
+        if X_WB is None or isinstance(hand.base, Arm) or _is_turned_so(X_WB, X_LA):
+            hands.append(HandModel(hand.over_object(top), config.yaw_range, X_LA, X_WB))
     if not hands:
         words = (
             f"grasp.approaches: the carrier in the plant is turned for none of {config.approaches}"
         )
-        raise InvalidArgumentError(f"{words}; pass R_WA to add_hand_model")
+        raise InvalidArgumentError(f"{words}; pass X_WB to add_hand_model")
     place = {"solid": solid, "mass": mass, "X_WO": X_WO, "fixed": fixed, "p_OC": p_OC}
     return best_approach(
         hands, lambda model: start_grasp.start_contacts_of(model, config, planner, surface, **place)
     )
 
 
-def _stands(plant: MultibodyPlant, robot: ModelInstanceIndex, hand: HandModel) -> bool:
-    """Returns whether the robot in a plant has the orientation of a hand's model."""
-    own = hand.kinematics.plant
-    name, R_WT = hand.description.fingertips[0].frame, []
-    for owner, instance in ((own, own.GetModelInstanceByName(HAND)), (plant, robot)):
-        context = owner.CreateDefaultContext()
-        owner.SetPositions(context, instance, np.zeros(owner.num_positions(instance)))
-        R_WT.append(owner.GetFrameByName(name, instance).CalcPoseInWorld(context).rotation())
-    return bool(R_WT[0].InvertAndCompose(R_WT[1]).IsNearlyIdentity(1e-6))
+def _is_turned_so(X_WB: RigidTransform, X_LA: RigidTransform) -> bool:
+    R_BA = X_WB.rotation().InvertAndCompose(X_LA.rotation())
+    return bool(R_BA.IsNearlyIdentity(1e-6))

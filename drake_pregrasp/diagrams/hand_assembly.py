@@ -8,8 +8,8 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
     FixedOffsetFrame,
+    Frame,
     Joint,
-    ModelInstanceIndex,
     PdControllerGains,
     PrismaticJoint,
     RevoluteJoint,
@@ -18,6 +18,7 @@ from pydrake.multibody.tree import (
 )
 
 from drake_pregrasp.config.hand_description import Carrier, Drive, HandDescription, Mount
+from drake_pregrasp.diagrams.hand_instances import HandInstances
 from drake_pregrasp.diagrams.palm_base import check_home
 from drake_pregrasp.errors import InvalidArgumentError
 
@@ -30,48 +31,103 @@ _RADIUS = 0.05  # Radius of the balls whose inertias the axes have, in metres.
 
 
 def assemble_hand(
-    plant: MultibodyPlant,
-    hand: ModelInstanceIndex,
-    description: HandDescription,
-    R_WA: RotationMatrix | None = None,
+    hand: HandInstances, description: HandDescription, X_WB: RigidTransform | None = None
 ) -> None:
     """Adds axes, drives and frames of a description to a parsed hand, and fixes locked joints.
 
     Args:
-        plant: Plant with the hand, which is not finalized.
-        hand: Model instance of the hand.
+        hand: The hand, in a plant that is not finalized.
         description: Description of the hand.
-        R_WA: Orientation of added axes in W; None for upright.
+        X_WB: Pose in W of the frame B that the model calls its world; None: the hand stays where it
+            is.
 
     Raises:
-        InvalidArgumentError: If a joint cannot be locked, the mounted link hangs on another one, or
-            a joint that moves has no drive, or two.
-        RuntimeError: If the model lacks a link or a joint that the description names.
+        InvalidArgumentError: If the model lacks a link or a joint that the description names, a
+            joint cannot be locked, the mounted link hangs on another one, or a joint that moves has
+            no drive, or two.
     """
+    plant = hand.plant
     for locked in description.locked:
-        joint = plant.GetMutableJointByName(locked.joint, hand)
+        joint = hand.joint(locked.joint, "locked")
         ends, X = (joint.frame_on_parent(), joint.frame_on_child()), _moved(joint, locked.position)
+        name = joint.name()
         _remove(plant, joint)  # Which frees it.
-        plant.AddJoint(WeldJoint(locked.joint, *ends, X))
-    for tip in description.fingertips:
+        plant.AddJoint(WeldJoint(name, *ends, X))
+    for index, tip in enumerate(description.fingertips):
         if tip.link:
-            link = plant.GetFrameByName(tip.link, hand)
-            plant.AddFrame(FixedOffsetFrame(tip.frame, link, RigidTransform(tip.center), hand))
+            link = hand.body(tip.link, f"fingertips[{index}].link")
+            X_BT, owner = RigidTransform(tip.center), link.model_instance()
+            plant.AddFrame(FixedOffsetFrame(tip.frame, link.body_frame(), X_BT, owner))
     pairs = [(name, drive) for drive in description.drives for name in drive.joints or [""]]
     if len(drives := dict(pairs)) < len(pairs):
         raise InvalidArgumentError("drives: a joint, or all others, must have one drive only")
     if isinstance(description.base, Carrier) and description.base.mount.link:
         axes = description.base.joints
-        X_WA = RigidTransform(R_WA or RotationMatrix(), np.zeros(3))
-        _add_axes(plant, hand, axes, description.base.mount, X_WA)
+        _add_axes(hand, axes, description.base.mount)
         drives = dict(zip(axes, _DRIVES, strict=True)) | drives
-    joints = list(_in_order(plant, hand, plant.world_body().index())) if drives else []
-    if unknown := set(drives) - {"", *(joint.name() for joint in joints)}:
-        raise InvalidArgumentError(f"drives: no joint {unknown.pop()} hangs on the world and moves")
+    if X_WB is not None:
+        _place_base(hand, X_WB)
+    joints = list(_in_order(hand, plant.world_body().index())) if drives else []
+    named = {hand.joint(name, "drives").index(): drive for name, drive in drives.items() if name}
     for joint in joints:
-        if (drive := drives.get(joint.name(), drives.get(""))) is None:
+        if (drive := named.pop(joint.index(), drives.get(""))) is None:
             raise InvalidArgumentError(f"drives: none for joint {joint.name()}")
         _drive(plant, joint, drive)
+    for index in named:
+        name = plant.get_joint(index).name()
+        raise InvalidArgumentError(f"drives: joint {name} does not move with the hand")
+
+
+def _place_base(hand: HandInstances, X_WB: RigidTransform) -> None:
+    """Moves what is joined to the world with B, and welds links without a joint to B."""
+    plant, world = hand.plant, hand.plant.world_body()
+    joints = list(hand.joints())
+    hanging = {joint.child_body().index() for joint in joints}
+    for body in list(hand.bodies()):
+        if body.index() not in hanging:
+            plant.WeldFrames(plant.world_frame(), body.body_frame(), X_WB)
+    if X_WB.IsExactlyIdentity():
+        return
+    for joint in joints:
+        if joint.parent_body() is world:
+            _rejoin(plant, joint, X_WB @ joint.frame_on_parent().GetFixedPoseInBodyFrame())
+
+
+def _rejoin(plant: MultibodyPlant, joint: Joint, X_WF: RigidTransform) -> None:
+    """Puts another joint with its frame at X_WF in place of one that is on the world."""
+    name, child = joint.name(), joint.frame_on_child()
+    frame = FixedOffsetFrame(f"{name}_base", plant.world_frame(), X_WF, joint.model_instance())
+    frame = plant.AddFrame(frame)
+    if isinstance(joint, WeldJoint):
+        X_FM = joint.X_FM()
+        plant.RemoveJoint(joint)
+        plant.AddJoint(WeldJoint(name, frame, child, X_FM))
+        return
+    if isinstance(joint, PrismaticJoint):
+        moved: Joint = PrismaticJoint(name, frame, child, joint.translation_axis())
+    elif isinstance(joint, RevoluteJoint):
+        moved = RevoluteJoint(name, frame, child, joint.revolute_axis())
+    else:
+        raise InvalidArgumentError(f"{name}: a {joint.type_name()} joint cannot be the first one")
+    drives = _remove_actuator(plant, joint)
+    limits = [  # Copies: Drake returns views of the joint, which is freed.
+        np.array([getattr(joint, f"{kind}_{side}_limits")() for side in ("lower", "upper")])
+        for kind in ("position", "velocity", "acceleration")
+    ]
+    damping, default = np.array(joint.default_damping_vector()), np.array(joint.default_positions())
+    plant.RemoveJoint(joint)
+    moved = plant.AddJoint(moved)
+    moved.set_position_limits(*limits[0])
+    moved.set_velocity_limits(*limits[1])
+    moved.set_acceleration_limits(*limits[2])
+    moved.set_default_damping_vector(damping)
+    moved.set_default_positions(default)
+    for effort, rotor_inertia, gear_ratio, gains in drives:
+        actuator = plant.AddJointActuator(name, moved, effort)
+        actuator.set_default_rotor_inertia(rotor_inertia)
+        actuator.set_default_gear_ratio(gear_ratio)
+        if gains is not None:
+            actuator.set_controller_gains(gains)
 
 
 def _moved(joint: Joint, position: float) -> RigidTransform:
@@ -90,23 +146,26 @@ def _remove(plant: MultibodyPlant, joint: Joint) -> None:
     plant.RemoveJoint(joint)
 
 
-def _remove_actuator(plant: MultibodyPlant, joint: Joint) -> None:
+def _remove_actuator(
+    plant: MultibodyPlant, joint: Joint
+) -> list[tuple[float, float, float, PdControllerGains | None]]:
+    """Removes the actuators of a joint; returns efforts, rotor inertias, gear ratios and gains."""
+    removed = []
     for actuator in map(plant.get_joint_actuator, plant.GetJointActuatorIndices()):
         if actuator.joint() is joint:
+            gains = actuator.get_controller_gains() if actuator.has_controller() else None
+            rotor = actuator.default_rotor_inertia(), actuator.default_gear_ratio()
+            removed.append((actuator.effort_limit(), *rotor, gains))
             plant.RemoveJointActuator(actuator)
+    return removed
 
 
-def _add_axes(
-    plant: MultibodyPlant,
-    hand: ModelInstanceIndex,
-    names: list[str],
-    mount: Mount,
-    X_WA: RigidTransform,
-) -> None:
+def _add_axes(hand: HandInstances, names: list[str], mount: Mount) -> None:
     """Adds three slides and a wrist, which carries a link of the hand."""
-    link = plant.GetBodyByName(mount.link, hand)
-    carrier = plant.AddFrame(FixedOffsetFrame("approach", plant.world_frame(), X_WA, hand))
-    for joint in map(plant.get_joint, plant.GetJointIndices(hand)):
+    plant = hand.plant
+    link = hand.body(mount.link, "base.mount.link")
+    carrier: Frame = plant.world_frame()
+    for joint in list(hand.joints()):
         if joint.child_body() is link:  # As of links on the world in an MJCF.
             if (parent := joint.parent_body()) is not plant.world_body():
                 raise InvalidArgumentError(
@@ -115,7 +174,7 @@ def _add_axes(
             _remove(plant, joint)
     for axis, (name, mass, most) in enumerate(zip(names, _MASSES, _RANGES, strict=True)):
         inertia = SpatialInertia.SolidSphereWithMass(mass, _RADIUS)
-        body = plant.AddRigidBody(f"{name}_axis", hand, inertia)
+        body = plant.AddRigidBody(f"{name}_axis", link.model_instance(), inertia)
         ends = carrier, body.body_frame()
         joint = plant.AddJoint(
             PrismaticJoint(name, *ends, np.eye(3)[axis])
@@ -128,14 +187,13 @@ def _add_axes(
     plant.WeldFrames(carrier, link.body_frame(), X)
 
 
-def _in_order(plant: MultibodyPlant, hand: ModelInstanceIndex, parent: int) -> Iterator[Joint]:
+def _in_order(hand: HandInstances, parent: int) -> Iterator[Joint]:
     """Yields the joints that move, in the order of their positions in a finalized plant."""
-    for index in plant.GetJointIndices(hand):
-        joint = plant.get_mutable_joint(index)
+    for joint in hand.joints():
         if joint.parent_body().index() == parent:
             if joint.num_velocities() == 1:
                 yield joint
-            yield from _in_order(plant, hand, joint.child_body().index())
+            yield from _in_order(hand, joint.child_body().index())
 
 
 def _drive(plant: MultibodyPlant, joint: Joint, drive: Drive) -> None:

@@ -9,9 +9,10 @@ from pydrake.planning import RobotDiagram, RobotDiagramBuilder
 from scipy.spatial import cKDTree
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
-from drake_pregrasp.config.hand_description import HandDescription
+from drake_pregrasp.config.hand_description import Carrier, HandDescription
 from drake_pregrasp.contacts.assignment import FREE_TURN
-from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model
+from drake_pregrasp.diagrams.hand_instances import HandInstances
+from drake_pregrasp.diagrams.hand_parsing import add_hand_model
 from drake_pregrasp.diagrams.palm_base import PalmCarrier, check_home, make_base
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.fast import default_kernels
@@ -38,10 +39,14 @@ class HandModel:
         X_LA: Approach of the palm: pose of the frame A, in the frame L with its origin in the
             object's centre of mass and the axes of W. The palm comes along z of A, about which its
             yaw turns, and which points to the palm. From above by default, with A as L.
+        X_WB: Pose in W of the frame B that the model calls its world. None: that of W, turned with
+            A for a carrier.
 
     Attributes:
         description: Description of the hand.
         X_LA: Approach of the palm.
+        X_WB: Pose of the model's world B in W.
+        instances: The hand in the plant of `kinematics`.
         kinematics: Kinematics of the fingertips.
         base: Carrier or arm of the palm.
         fingers_home: Home positions of the fingers, and zeros for the base, shape (nq,).
@@ -59,13 +64,17 @@ class HandModel:
         description: HandDescription,
         yaw_range: tuple[float, float] = FREE_TURN,
         X_LA: RigidTransform = FROM_ABOVE,
+        X_WB: RigidTransform | None = None,
     ) -> None:
         self.description, self._yaw_range, self.X_LA = description, yaw_range, X_LA
+        if X_WB is None:
+            is_turned = isinstance(description.base, Carrier)
+            X_WB = RigidTransform(X_LA.rotation(), np.zeros(3)) if is_turned else RigidTransform()
+        self.X_WB = X_WB
         self._finger_measures: dict[float, FingerMeasures] = {}
-        self._diagram = self._parse()  # Keeps the plant alive.
-        plant = self._diagram.plant()
-        self.base = make_base(description.base, plant, plant.GetModelInstanceByName(HAND), X_LA)
-        self.kinematics = self._kinematics(self._diagram, REFERENCE.hand())
+        self._diagram, self.instances = self._parse()  # The diagram keeps the plant alive.
+        self.base = make_base(description.base, self.instances, X_LA, X_WB.translation())
+        self.kinematics = self._kinematics(self.instances, REFERENCE.hand())
         self.tip_radii: FloatArray = np.array([tip.radius for tip in description.fingertips])
         self.fingers_home = self._place_fingers()
         p_WT = self.tips_at(self.base.placed(self.fingers_home))
@@ -76,15 +85,19 @@ class HandModel:
         self.withdrawn_radii: FloatArray = np.where(given, given, mean)
         self._check_reach(self.p_HT)
 
-    def _parse(self) -> RobotDiagram:
+    def _parse(self) -> tuple[RobotDiagram, HandInstances]:
         builder = RobotDiagramBuilder(time_step=0.0)
-        add_hand_model(builder.plant(), self.description, self._yaw_range, self.X_LA.rotation())
-        builder.plant().Finalize()
-        return builder.Build()
+        plant = builder.plant()
+        models = add_hand_model(plant, self.description, self._yaw_range, self.X_WB)
+        plant.Finalize()
+        diagram = builder.Build()
+        return diagram, HandInstances(diagram.plant(), models)
 
-    def _kinematics(self, diagram: RobotDiagram, kernels: HandKernels) -> HandKinematics:
-        frames = [f"{HAND}::{tip.frame}" for tip in self.description.fingertips]
-        return HandKinematics(diagram.plant(), frames, kernels.forward_kinematics)
+    def _kinematics(self, hand: HandInstances, kernels: HandKernels) -> HandKinematics:
+        tips = enumerate(self.description.fingertips)
+        frames = [hand.frame(tip.frame, f"fingertips[{i}].frame") for i, tip in tips]
+        names = [frame.scoped_name().get_full() for frame in frames]
+        return HandKinematics(hand.plant, names, kernels.forward_kinematics)
 
     def make_scene(
         self, object_solid: SignedDistance, fixed: Sequence[Solid], kernels: Kernels | None = None
@@ -96,10 +109,10 @@ class HandModel:
             fixed: Solids in W that do not move, such as the table.
             kernels: Implementation of its kinematics; that of `default_kernels` by default.
         """
-        diagram, hand_kernels = self._parse(), (kernels or default_kernels()).hand()
+        (diagram, hand), hand_kernels = self._parse(), (kernels or default_kernels()).hand()
         return HandScene(
             diagram,
-            self._kinematics(diagram, hand_kernels),
+            self._kinematics(hand, hand_kernels),
             hand_kernels,
             tip_radii=self.tip_radii,
             object_solid=object_solid,

@@ -6,24 +6,23 @@ unknown origin must not cause that, so it is turned into an error.
 
 import contextlib
 import logging
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from xml.etree import ElementTree
 
-import numpy as np
-from pydrake.math import RollPitchYaw, RotationMatrix
+from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
-from drake_pregrasp.config.hand_description import Arm, Carrier, HandDescription
+from drake_pregrasp.config.hand_description import Carrier, HandDescription
 from drake_pregrasp.contacts.assignment import FREE_TURN
+from drake_pregrasp.diagrams.directive_files import checked_copy, is_own
 from drake_pregrasp.diagrams.hand_assembly import assemble_hand
-from drake_pregrasp.diagrams.model_files import CheckedModel, checked_model
+from drake_pregrasp.diagrams.hand_instances import HandInstances
 from drake_pregrasp.errors import InvalidArgumentError, first_line
-from drake_pregrasp.resources import resolve_path, resource_folder
-from drake_pregrasp.robots.robot_models import ROBOTS_URL, cache_folder, robot_model
-from drake_pregrasp.robots.urdf_repair import DRAKE
+from drake_pregrasp.resources import resolve_path
+from drake_pregrasp.robots.robot_models import ROBOTS_URL, robot_model
+from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 
 
 @contextlib.contextmanager
@@ -62,8 +61,8 @@ def add_hand_model(
     plant: MultibodyPlant,
     description: HandDescription,
     yaw_range: tuple[float, float] = FREE_TURN,
-    R_WA: RotationMatrix | None = None,
-) -> ModelInstanceIndex:
+    X_WB: RigidTransform = FROM_ABOVE,
+) -> list[ModelInstanceIndex]:
     """Adds a hand to a plant that is not finalized, without gravity, as if it were compensated.
 
     Drake's parser reads the models of this package, and checked copies of all others.
@@ -73,89 +72,74 @@ def add_hand_model(
         description: Description of the hand.
         yaw_range: Smallest and largest angle of a carrier's wrist, in radians; the model keeps its
             own range by default.
-        R_WA: Orientation in which a carrier stands in W, with its palm along -z of A (see
-            `HandModel`); None for upright. Arms stay where they are.
+        X_WB: Pose in W of the frame B that the model calls its world, in which the base stands.
+
+    Returns:
+        The model instances of the hand and of what carries it.
 
     Raises:
-        InvalidArgumentError: If its model cannot be loaded.
+        InvalidArgumentError: If its model cannot be loaded, or does not match its description.
     """
-    parser = Parser(plant)
-    path = model_path(description.model)
+    instances = _parse(plant, model_path(description.model))
+    complete_hand_model(plant, description, instances, yaw_range, X_WB)
+    return instances
+
+
+def complete_hand_model(
+    plant: MultibodyPlant,
+    description: HandDescription,
+    robot: Sequence[ModelInstanceIndex],
+    yaw_range: tuple[float, float] = FREE_TURN,
+    X_WB: RigidTransform | None = None,
+) -> None:
+    """Adds the drives and frames of a description to models in a plant that is not finalized.
+
+    Gravity no longer acts on them, as if it were compensated.
+
+    Args:
+        plant: Plant with the models.
+        description: Description of the hand.
+        robot: Model instances of the hand and of what carries it.
+        yaw_range: As for `add_hand_model`.
+        X_WB: As for `add_hand_model`; None: the base stays where it is.
+
+    Raises:
+        InvalidArgumentError: If the models do not match the description.
+    """
+    hand = HandInstances(plant, robot)
+    try:
+        with failures_as_errors():
+            assemble_hand(hand, description, X_WB)
+    except (RuntimeError, ValueError) as error:
+        problem = f"model: {description.model}: {first_line(error)}"
+        raise InvalidArgumentError(problem) from error
+    for instance in robot:
+        plant.set_gravity_enabled(instance, False)
+    if isinstance(description.base, Carrier) and yaw_range != FREE_TURN:
+        joint = hand.joint(description.base.joints[-1], "base.joints")
+        joint.set_position_limits([yaw_range[0]], [yaw_range[1]])
+
+
+def _parse(plant: MultibodyPlant, path: Path) -> list[ModelInstanceIndex]:
+    """Adds the models of a file to a plant."""
+    parser, copy = Parser(plant), None
     parser.SetAutoRenaming(True)
-    base, copy = description.base, None
-    stands = R_WA is None or R_WA.IsExactlyIdentity() or isinstance(base, Arm) or base.mount.link
-    if not stands or path.suffix == ".xml" or not _is_own(path):
-        copy = checked_model(path)
+    if not is_own(path) or path.suffix not in (".sdf", ".urdf"):
+        copy = checked_copy(path)
     try:
         with held_messages() as messages, failures_as_errors():  # An error says them in one line.
             if copy is None:
                 models = parser.AddModels(str(path))
             else:
-                text = copy.text if R_WA is None or stands else _turned(copy, R_WA)
-                models = parser.AddModelsFromString(text, copy.kind)
+                models = parser.AddModelsFromString(copy.text, copy.kind)
     except (RuntimeError, ValueError) as error:
         problem = first_line(error)
         raise InvalidArgumentError(f"model: {path} is no model of a hand: {problem}") from error
-    for message in [] if _is_own(path) else messages:
+    for message in [] if is_own(path) else messages:
         logging.getLogger("drake").handle(message)
-    if len(models) != 1:
-        raise InvalidArgumentError(
-            f"model: {path} must hold one model, the hand with what carries it, not {len(models)}"
-        )
-    (hand,) = models
-    plant.RenameModelInstance(hand, HAND)
-    try:
-        with failures_as_errors():
-            assemble_hand(plant, hand, description, R_WA)
-    except (RuntimeError, ValueError) as error:
-        raise InvalidArgumentError(f"model: {path}: {first_line(error)}") from error
-    plant.set_gravity_enabled(hand, False)
-    if isinstance(description.base, Carrier) and yaw_range != FREE_TURN:
-        wrist = description.base.joints[-1]
-        if plant.HasJointNamed(wrist, hand):
-            joint = plant.GetMutableJointByName(wrist, hand)
-            joint.set_position_limits([yaw_range[0]], [yaw_range[1]])
-    return hand
-
-
-def _turned(model: CheckedModel, R_WA: RotationMatrix) -> str:
-    """Returns the text of a model that is turned about the origin of W."""
-    ElementTree.register_namespace("drake", DRAKE)
-    root, name = ElementTree.fromstring(model.text), "turned"
-    if model.kind == "sdf":
-        for element in root.findall("model"):
-            pose = element.find("pose")
-            pose = ElementTree.SubElement(element, "pose") if pose is None else pose
-            *p_WM, roll, pitch, yaw = np.array((pose.text or "0 " * 6).split(), dtype=float)
-            R_WM = R_WA @ RollPitchYaw(roll, pitch, yaw).ToRotationMatrix()
-            pose.text = _numbers([*(R_WA @ p_WM), *RollPitchYaw(R_WM).vector()])
-    elif model.kind == "urdf":
-        for parent in root.findall("joint/parent[@link='world']"):
-            parent.set("link", name)
-        joint = ElementTree.SubElement(root, "joint", name=name, type="fixed")
-        ElementTree.SubElement(joint, "origin", rpy=_numbers(RollPitchYaw(R_WA).vector()))
-        ElementTree.SubElement(joint, "parent", link="world")
-        ElementTree.SubElement(joint, "child", link=name)
-        ElementTree.SubElement(root, "link", name=name)
-    else:
-        quat = _numbers(R_WA.ToQuaternion().wxyz())
-        for world in root.findall("worldbody"):
-            bodies = world.findall("body")
-            turned = ElementTree.SubElement(world, "body", name=name, quat=quat)
-            for body in bodies:
-                world.remove(body)
-                turned.append(body)
-    return ElementTree.tostring(root, encoding="unicode")
-
-
-def _numbers(values: Iterable[float]) -> str:
-    return " ".join(repr(float(value)) for value in values)
-
-
-def _is_own(model: Path) -> bool:
-    """Returns whether a model is shipped with this package, or was made by it."""
-    folders = (resource_folder("models"), cache_folder())
-    return any(model.resolve().is_relative_to(folder.resolve()) for folder in folders)
+    if len(models) == 1:
+        plant.RenameModelInstance(models[0], HAND)
+    return list(models)
 
 
 def model_path(model: str) -> Path:
@@ -168,7 +152,9 @@ def model_path(model: str) -> Path:
         InvalidArgumentError: If there is no such file.
     """
     if not model:
-        raise InvalidArgumentError("model: it is empty, and must name an SDF, a URDF or an MJCF")
+        raise InvalidArgumentError(
+            "model: it is empty, and must name an SDF, a URDF, an MJCF or model directives"
+        )
     if model.startswith(ROBOTS_URL):
         return robot_model(model)
     path = resolve_path(model, Path.cwd())

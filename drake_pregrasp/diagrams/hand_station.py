@@ -4,8 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from pydrake.geometry import SceneGraph
-from pydrake.math import RotationMatrix
+from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_pregrasp.arrays import FloatArray
@@ -13,7 +14,12 @@ from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.config.object_config import MotionConfig, ObjectConfig
 from drake_pregrasp.contacts.assignment import FREE_TURN
-from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model
+from drake_pregrasp.diagrams.hand_instances import (
+    HandInstances,
+    hand_ports,
+    set_default_positions,
+)
+from drake_pregrasp.diagrams.hand_parsing import add_hand_model
 from drake_pregrasp.diagrams.object_plant import add_moving_object
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.geometry.shapes import Shape
@@ -21,6 +27,7 @@ from drake_pregrasp.geometry.solids import HalfSpace
 from drake_pregrasp.systems.hand_kinematics import hand_links
 from drake_pregrasp.systems.hand_scene import separate_fingers
 from drake_pregrasp.systems.link_contacts import LinkContacts
+from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 from drake_pregrasp.systems.sources import BodyPose, MovingSolid
 
 
@@ -73,7 +80,7 @@ class HandStation(Diagram):
         period: Seconds between ticks of the controller, for `link_forces`.
         shape: Shape of the object, if it has been made.
         obstacles: Obstacles that are bodies.
-        R_WA: Orientation of the carrier, as for `add_hand_model`.
+        X_WB: Pose of the base, as for `add_hand_model`.
 
     Raises:
         InvalidArgumentError: If the hand's model cannot be loaded.
@@ -95,10 +102,10 @@ class HandStation(Diagram):
         period: float = GraspConfig.period,
         shape: Shape | None = None,
         obstacles: Sequence[MovingSolid] = (),
-        R_WA: RotationMatrix | None = None,
+        X_WB: RigidTransform = FROM_ABOVE,
     ) -> None:
         super().__init__()
-        builder = DiagramBuilder()
+        builder, models = DiagramBuilder(), list[ModelInstanceIndex]()
         self.plant, self.scene_graph, X_WO = add_moving_object(
             builder,
             shape or object_config.make_shape(),
@@ -107,14 +114,15 @@ class HandStation(Diagram):
             plant_config,
             friction=friction,
             obstacles=obstacles,
-            add_more=lambda plant: add_hand_model(plant, hand, yaw_range, R_WA),
+            add_more=lambda plant: models.extend(add_hand_model(plant, hand, yaw_range, X_WB)),
             holds_pose=True,
         )
-        instance = self.plant.GetModelInstanceByName(HAND)
-        self.plant.SetDefaultPositions(instance, initial)
+        instances = HandInstances(self.plant, models)
+        joints = instances.moving_joints()
+        set_default_positions(joints, initial)
         links = hand_links(
             self.plant,
-            [self.plant.GetFrameByName(tip.frame, instance) for tip in hand.fingertips],
+            [instances.frame(tip.frame, "fingertips") for tip in hand.fingertips],
             [tip.radius for tip in hand.fingertips],
             self.scene_graph.model_inspector(),
         )
@@ -134,11 +142,12 @@ class HandStation(Diagram):
             carrier = self.plant.GetBodyByName("turntable")
         disc = builder.AddNamedSystem("turntable_pose", BodyPose(carrier.index()))
         builder.Connect(self.plant.get_body_poses_output_port(), disc.get_input_port())
-        builder.ExportInput(self.plant.get_desired_state_input_port(instance), "desired_state")
+        desired, state, actuation = hand_ports(builder, self.plant, joints)
+        builder.ExportInput(desired, "desired_state")
         builder.ExportOutput(X_WO, "X_WO")
         builder.ExportOutput(self.scene_graph.get_query_output_port(), "query_object")
-        builder.ExportOutput(self.plant.get_state_output_port(instance), "hand_state")
-        builder.ExportOutput(self.plant.get_net_actuation_output_port(instance), "net_actuation")
+        builder.ExportOutput(state, "hand_state")
+        builder.ExportOutput(actuation, "net_actuation")
         builder.ExportOutput(disc.get_output_port(), "X_WD")
         builder.ExportOutput(contacts.get_output_port(), "link_forces")
         builder.BuildInto(self)

@@ -19,31 +19,21 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import yaml
-from pydrake.multibody.parsing import PackageMap
 
-from drake_pregrasp.errors import InvalidArgumentError, first_line, printable
-from drake_pregrasp.geometry.meshes import MESH_SUFFIXES, companions, read_pieces
-from drake_pregrasp.resources import (
-    check_inside,
-    python_package,
-    read_bounded_text,
-    real_path,
-    resource_folder,
+from drake_pregrasp.diagrams.package_files import (
+    MAX_ELEMENTS,
+    find_packages,
+    located,
+    parse_xml,
 )
+from drake_pregrasp.errors import InvalidArgumentError, printable
+from drake_pregrasp.geometry.meshes import MESH_SUFFIXES, companions, read_pieces
+from drake_pregrasp.resources import check_inside, real_path, resource_folder
 from drake_pregrasp.robots.robot_meshes import write_obj
 from drake_pregrasp.robots.urdf_repair import DRAKE
 
-MAX_MODEL_BYTES = 5_000_000
-"""Largest size of a model, in bytes."""
-
 MAX_PART_BYTES = 50_000_000
 """Largest size of all mesh files of a model together, in bytes."""
-
-MAX_ELEMENTS = 20_000
-"""Largest number of XML elements of a model."""
-
-MAX_DEPTH = 64
-"""Largest number of levels of elements in a model."""
 
 MAX_VALUE = 1000
 """Largest number of characters of an attribute, or of the text of an element."""
@@ -103,7 +93,6 @@ class CheckedModel:
     files: tuple[Path, ...]
 
 
-_EXTRAS = {"gymnasium_robotics": "shadow"}  # Extras that install the data of packages.
 _ROOT = Path("/")
 _copies: dict[Path, tuple[list[tuple[int, int]], CheckedModel]] = {}
 
@@ -137,57 +126,6 @@ def _stamps(files: Sequence[Path]) -> list[tuple[int, int]]:
     return [(stat.st_mtime_ns, stat.st_size) for stat in found]
 
 
-def find_packages(model: Path) -> dict[str, Path]:
-    """Returns the folders of the packages that a model may name, by the packages' names.
-
-    They are this package, the packages that the model is in, and the packages in the environment
-    variable ROS_PACKAGE_PATH.
-
-    Raises:
-        InvalidArgumentError: If a `package.xml` above the model cannot be read.
-    """
-    others = PackageMap.MakeEmpty()
-    others.PopulateFromRosPackagePath()
-    found = {name: Path(others.GetPath(name)) for name in others.GetPackageNames()}
-    for folder in reversed(model.parents):
-        file = folder / "package.xml"
-        # A link could lead to any file.
-        if file.is_file() and not file.is_symlink():
-            found[(_parse(file).findtext("name") or "").strip()] = folder
-    return {**found, "drake_pregrasp": resource_folder("models")}
-
-
-class _BoundedTree(ElementTree.TreeBuilder):
-    """Builds a tree of bounded size, without comments, processing instructions and entities."""
-
-    _count = _depth = 0
-
-    def start(self, tag: str, attributes: dict[str, str], /) -> Element:
-        self._count += 1
-        self._depth += 1
-        if self._count > MAX_ELEMENTS or self._depth > MAX_DEPTH:
-            raise InvalidArgumentError(
-                f"more than {MAX_ELEMENTS} elements, or {MAX_DEPTH} levels of them; leave some out"
-            )
-        return super().start(tag, attributes)
-
-    def end(self, tag: str, /) -> Element:
-        self._depth -= 1
-        return super().end(tag)
-
-    def doctype(self, name: str, *_: object) -> None:
-        raise InvalidArgumentError(f"it has a DOCTYPE, {name}; leave it out")
-
-
-def _parse(file: Path) -> Element:
-    try:
-        text = read_bounded_text(file, MAX_MODEL_BYTES)
-        return ElementTree.fromstring(text, ElementTree.XMLParser(target=_BoundedTree()))
-    except (ElementTree.ParseError, ValueError) as error:
-        problem = first_line(error)
-        raise InvalidArgumentError(f"model: {file} is no model of a hand: {problem}") from error
-
-
 class _Copier:
     """Copies a model once.
 
@@ -209,7 +147,7 @@ class _Copier:
 
     def copy(self) -> CheckedModel:
         """Returns the copy."""
-        root = _parse(self._model)
+        root = parse_xml(self._model)
         if root.tag == "mujoco":
             self._include(root)
         if root.tag not in _KINDS:
@@ -243,7 +181,7 @@ class _Copier:
             if path in self._files or len(self._files) > MAX_INCLUDES:
                 raise self._error(f"includes {path} twice, or more than {MAX_INCLUDES} files")
             self._files.append(path)
-            included = _parse(path)
+            included = parse_xml(path)
             self._include(included)
             element[index : index + 1] = list(included)
 
@@ -303,20 +241,11 @@ class _Copier:
             copied.set("name", element.get("name", Path(name).stem))
 
     def _located(self, name: str) -> Path:
-        scheme, separator, rest = name.partition("://")
-        if separator and scheme in ("package", "model"):
-            package, _, rest = rest.partition("/")
-            folder = self._packages.get(package) or python_package(package)
-            if folder is None:
-                hint = "install it, or add its folder to ROS_PACKAGE_PATH"
-                if package in _EXTRAS:
-                    hint = f"install the extra: pip install '.[{_EXTRAS[package]}]'"
-                raise self._error(f"names {name}: no such package is here; {hint}")
-            return folder / rest
-        path = name.removeprefix("file://")
-        if "://" in path or "\0" in path:
-            raise self._error(f"names {name}: only files and packages are read")
-        return self._folder / (Path(path).name if self._strips_path else path)
+        try:
+            path = located(name, self._packages)
+        except InvalidArgumentError as error:
+            raise self._error(str(error)) from error
+        return self._folder / (path.name if self._strips_path and not path.is_absolute() else path)
 
     def _write_mesh(self, name: str, path: Path) -> Path:
         try:
@@ -335,7 +264,7 @@ class _Copier:
                 raise InvalidArgumentError(f"all meshes have more than {MAX_TRIANGLES} triangles")
         except (InvalidArgumentError, OSError) as error:
             raise self._error(f"names {name}: {error}") from error
-        written = write_obj(pieces, Path(tempfile.mkdtemp(dir=_folder())) / "mesh.obj")
+        written = write_obj(pieces, Path(tempfile.mkdtemp(dir=copies_folder())) / "mesh.obj")
         self._faces[written.as_uri()] = faces
         return written
 
@@ -370,8 +299,8 @@ def _numbers(element: Element) -> Iterator[float]:
 
 
 @functools.cache
-def _folder() -> str:
-    """Returns a folder for meshes that is removed when this process ends, not when a fork does."""
+def copies_folder() -> str:
+    """Returns a folder for copies that is removed when this process ends, not when a fork does."""
     folder = tempfile.mkdtemp(prefix="drake_pregrasp-")
     atexit.register(_remove, folder, os.getpid())
     return folder

@@ -5,13 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, JacobianWrtVariable, ModelInstanceIndex
+from pydrake.multibody.tree import Frame, JacobianWrtVariable, Joint
 from pydrake.systems.framework import Context
 
 from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.config.hand_description import Arm, BaseConfig, Carrier
+from drake_pregrasp.diagrams.hand_instances import HandInstances
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.systems.hand_kinematics import frame_names
 from drake_pregrasp.systems.palm_frames import pose_error, turned_frame
 
 _STEPS = 300  # Largest number of steps of an arm to its initial pose.
@@ -79,9 +79,9 @@ class PalmCarrier:
 
     Args:
         config: Description of the axes.
-        plant: A finalized plant that contains only the hand.
-        hand: Model instance of the hand.
+        hand: The hand in a finalized plant that contains nothing else.
         X_LA: Approach of the palm; see `HandModel`.
+        p_WB: Position of the axes' frame in W, shape (3,), in metres.
 
     Attributes:
         joints: Indices of the positions x, y, z and yaw.
@@ -93,19 +93,19 @@ class PalmCarrier:
     """
 
     def __init__(
-        self, config: Carrier, plant: MultibodyPlant, hand: ModelInstanceIndex, X_LA: RigidTransform
+        self, config: Carrier, hand: HandInstances, X_LA: RigidTransform, p_WB: FloatArray
     ) -> None:
-        self.joints, self.palm_frame = _positions(plant, hand, config.joints), ""
+        joints = _base_joints(hand, config.joints)
+        self.joints, self.palm_frame = [joint.position_start() for joint in joints], ""
         self._X_LA, self.X_AW = X_LA, X_LA.inverse()
         # Positions of x, y and z are R_AL p_WL + p_AL for a point L on the palm's axis.
         self._R_AL = self.X_AW.rotation().matrix()
-        self._p_AL = self._R_AL @ X_LA.translation() + [0.0, 0.0, config.palm_height]
-        for name, expected in zip(config.joints, _JOINT_KINDS, strict=True):
-            kind = plant.GetJointByName(name, hand).type_name()
-            if kind != expected:
+        self._p_AL = self._R_AL @ (X_LA.translation() - p_WB) + [0.0, 0.0, config.palm_height]
+        for joint, expected in zip(joints, _JOINT_KINDS, strict=True):
+            if (kind := joint.type_name()) != expected:
                 raise InvalidArgumentError(
-                    f"base.joints: {name} is {kind}; three prismatic joints along x, y and z come"
-                    " first, then a revolute one about z"
+                    f"base.joints: {joint.name()} is {kind}; three prismatic joints along x, y and"
+                    " z come first, then a revolute one about z"
                 )
 
     def posed(self, q: FloatArray, p_WCoM: FloatArray, yaw: float) -> FloatArray:
@@ -139,8 +139,7 @@ class PalmArm:
 
     Args:
         config: Description of the arm.
-        plant: A finalized plant that contains only the hand and the arm.
-        hand: Model instance of both.
+        hand: The hand and the arm in a finalized plant that contains nothing else.
         X_LA: Approach of the palm; see `HandModel`.
 
     Attributes:
@@ -154,16 +153,10 @@ class PalmArm:
         InvalidArgumentError: If the model lacks such joints or frames, or home violates limits.
     """
 
-    def __init__(
-        self, config: Arm, plant: MultibodyPlant, hand: ModelInstanceIndex, X_LA: RigidTransform
-    ) -> None:
-        self.joints, self._X_LA = _positions(plant, hand, config.joints), X_LA
-        if not plant.HasFrameNamed(config.palm, hand):
-            there = ", ".join(frame_names(plant, hand))
-            raise InvalidArgumentError(
-                f"base.palm: there is no frame {config.palm}; there are: {there}"
-            )
-        palm = plant.GetFrameByName(config.palm, hand)
+    def __init__(self, config: Arm, hand: HandInstances, X_LA: RigidTransform) -> None:
+        joints = _base_joints(hand, config.joints)
+        self.joints, self._X_LA = [joint.position_start() for joint in joints], X_LA
+        palm, plant = hand.frame(config.palm, "base.palm"), hand.plant
         self.palm_frame = palm.scoped_name().get_full()
         self._plant = plant
         self.kinematics = arm = ArmKinematics(plant, palm, np.array(self.joints))
@@ -219,28 +212,22 @@ PalmBase = PalmCarrier | PalmArm
 
 
 def make_base(
-    config: BaseConfig, plant: MultibodyPlant, hand: ModelInstanceIndex, X_LA: RigidTransform
+    config: BaseConfig, hand: HandInstances, X_LA: RigidTransform, p_WB: FloatArray
 ) -> PalmBase:
     """Returns the base that a description names in a model."""
     if isinstance(config, Carrier):
-        return PalmCarrier(config, plant, hand, X_LA)
-    return PalmArm(config, plant, hand, X_LA)
+        return PalmCarrier(config, hand, X_LA, p_WB)
+    return PalmArm(config, hand, X_LA)
 
 
-def _positions(plant: MultibodyPlant, hand: ModelInstanceIndex, names: list[str]) -> list[int]:
-    there = [plant.get_joint(index).name() for index in plant.GetJointIndices(hand)]
-    for name in names:
-        if name not in there:
-            raise InvalidArgumentError(
-                f"base.joints: there is no joint {name}; there are: {', '.join(there)}"
-            )
-    joints = [plant.GetJointByName(name, hand) for name in names]
+def _base_joints(hand: HandInstances, names: list[str]) -> list[Joint]:
+    joints = [hand.joint(name, "base.joints") for name in names]
     for joint in joints:
         if joint.num_positions() != 1:
             raise InvalidArgumentError(
                 f"base.joints: {joint.name()} is {joint.type_name()}; it must slide or turn"
             )
-    return [joint.position_start() for joint in joints]
+    return joints
 
 
 def check_home(

@@ -5,7 +5,7 @@ import os
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 from drake_pregrasp.errors import InvalidArgumentError, OutputError
-from drake_pregrasp.robots import allegro_panda
+from drake_pregrasp.robots.robot_data import ROBOTS, find_robot_data, write_robot
 
 _PARTIAL = ".partial-"
 _ABANDONED = 3600.0  # Seconds after which an unfinished folder is removed.
@@ -82,12 +82,6 @@ def _sweep(parent: Path) -> None:
 ROBOTS_URL = "robots://"
 """Prefix of the names of the robots' models."""
 
-_Writer = Callable[[allegro_panda.RobotData, Path, Callable[[int, int], None]], Path]
-_WRITERS: Mapping[str, _Writer] = {
-    "allegro_hand.urdf": allegro_panda.write_allegro_hand,
-    "allegro_panda.urdf": allegro_panda.write_allegro_panda,
-}
-
 
 def robot_model(url: str) -> Path:
     """Returns the path of a robot's URDF. The first call converts it, which takes some seconds.
@@ -103,15 +97,15 @@ def robot_model(url: str) -> Path:
         OutputError: If the cache cannot be written.
     """
     name = url.removeprefix(ROBOTS_URL)
-    if name not in _WRITERS:
-        there = ", ".join(f"{ROBOTS_URL}{robot}" for robot in _WRITERS)
+    if name not in ROBOTS:
+        there = ", ".join(f"{ROBOTS_URL}{robot}" for robot in ROBOTS)
         raise InvalidArgumentError(f"there is no robot {url}; there are: {there}")
-    data = allegro_panda.find_robot_data()
+    data = find_robot_data()
     version = f"{Path(name).stem}-{data.version}-{source_digest(Path(__file__).parent)}"
 
     def make(folder: Path) -> None:
         with _bar(f"converting meshes of {name}") as on_progress:
-            _WRITERS[name](data, folder, on_progress)
+            write_robot(name, data, folder, on_progress)
 
     return cached(version, make) / name
 

@@ -1,7 +1,5 @@
 """Adapts URDF files of other simulators to Drake."""
 
-import copy
-from collections.abc import Iterable
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
@@ -25,28 +23,18 @@ def drop_from(robot: Element, link: str) -> None:
         robot.remove(element)
 
 
+def drop_world(robot: Element) -> None:
+    """Removes the joints on the world, so that the base of the robot is free."""
+    for joint in robot.findall("joint"):
+        if _end(joint, "parent") == "world":
+            robot.remove(joint)
+    for element in robot.findall("link[@name='world']"):
+        robot.remove(element)
+
+
 def _end(joint: Element, side: str) -> str:
     element = joint.find(side)
     return "" if element is None else element.get("link", "")
-
-
-def add_robot(robot: Element, other: Element) -> None:
-    """Adds all links and joints of another robot."""
-    robot.extend(copy.deepcopy([e for e in other if e.tag in ("link", "joint")]))
-
-
-def weld(
-    robot: Element, parent: str, child: str, *, xyz: Iterable[float], rpy: Iterable[float]
-) -> None:
-    """Adds a fixed joint between two links, of which `world` is Drake's world body."""
-    joint = SubElement(robot, "joint", name=f"{child}_to_{parent}", type="fixed")
-    SubElement(joint, "origin", xyz=_text(xyz), rpy=_text(rpy))
-    SubElement(joint, "parent", link=parent)
-    SubElement(joint, "child", link=child)
-
-
-def _text(numbers: Iterable[float]) -> str:
-    return " ".join(f"{number:.12g}" for number in numbers)
 
 
 def drop_ignored(robot: Element) -> None:

@@ -9,15 +9,15 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.config.object_config import POINT, zeros
+from drake_pregrasp.config.yaml_text import parse_entries, read_text
 from drake_pregrasp.contacts.assignment import FREE_TURN
+from drake_pregrasp.diagrams.directive_files import checked_copy
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_parsing import failures_as_errors, model_path
-from drake_pregrasp.diagrams.model_files import checked_model
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError, first_line
 from drake_pregrasp.resources import MODELS_URL, make_paths_absolute, resolve_path
 from drake_pregrasp.robots.robot_models import ROBOTS_URL
 from drake_pregrasp.simulation.schema_check import load_checked
-from drake_pregrasp.simulation.yaml_text import parse_entries, read_text
 from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 
 
@@ -77,7 +77,7 @@ def load_hand(file: str | Path, *, folders: Sequence[str | Path] | None = None) 
     make_paths_absolute(description, path.parent, allowed=allowed, source=str(path))
     if allowed is not None and not description.model.startswith((MODELS_URL, ROBOTS_URL)):
         try:
-            checked_model(model_path(description.model), allowed)
+            checked_copy(model_path(description.model), allowed)
         except InvalidArgumentError as error:
             raise ScenarioError(str(path), "", str(error)) from error
     return description

@@ -16,6 +16,7 @@ import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
+from drake_pregrasp.config.yaml_text import MAX_BYTES
 from drake_pregrasp.errors import InvalidArgumentError, OutputError, ScenarioError
 from drake_pregrasp.interfaces import check_installed
 from drake_pregrasp.interfaces.mcap_log import McapLog
@@ -34,7 +35,6 @@ from drake_pregrasp.simulation.scenario_check import check_recording
 from drake_pregrasp.simulation.scenario_file import dump_scenario, resolve
 from drake_pregrasp.simulation.simulation_diagram import make_diagram, make_simulator
 from drake_pregrasp.simulation.summary import plot_metrics, summarize, summarize_grasp
-from drake_pregrasp.simulation.yaml_text import MAX_BYTES
 from drake_pregrasp.systems.drawing import contact_color
 from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
 

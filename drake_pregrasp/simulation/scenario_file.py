@@ -6,13 +6,13 @@ from typing import Any
 
 from pydrake.common.yaml import yaml_dump_typed
 
+from drake_pregrasp.config.yaml_text import parse_entries, parse_yaml, read_text
 from drake_pregrasp.errors import ScenarioError, nearest, printable
 from drake_pregrasp.resources import make_paths_absolute, resource_folder
 from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario, resolve_scenario
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.schema_check import add_tags, check_mapping, load_checked
-from drake_pregrasp.simulation.yaml_text import parse_entries, parse_yaml, read_text
 
 SCENARIO_TEXT = "scenario text"
 """Name of the text that overrides a scenario, for error messages."""

@@ -17,8 +17,8 @@ from collections.abc import Mapping
 from typing import Any, TypeVar
 
 from drake_pregrasp.config.validation import is_scalar, length_problem, scalar_problem
+from drake_pregrasp.config.yaml_text import TAG_KEY, load_typed
 from drake_pregrasp.errors import ScenarioError, nearest
-from drake_pregrasp.simulation.yaml_text import TAG_KEY, load_typed
 
 Config = TypeVar("Config")
 

@@ -195,7 +195,7 @@ def _add_hand(
             period=grasp.period,
             shape=resolved.shape,
             obstacles=resolved.obstacle_bodies,
-            R_WA=model.X_LA.rotation(),
+            X_WB=model.X_WB,
         ),
     )
     connect(builder, station, "hand_state net_actuation", hand.controller)

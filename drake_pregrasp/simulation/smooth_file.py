@@ -7,13 +7,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.config.planner_config import EstimatorConfig, filter_noise
+from drake_pregrasp.config.yaml_text import parse_entries
 from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.estimation.pose_smoother import filter_poses, smooth
 from drake_pregrasp.estimation.recorded_poses import COLUMNS
 from drake_pregrasp.interfaces.pose_files import read_poses
 from drake_pregrasp.simulation.output import write_named_text
 from drake_pregrasp.simulation.schema_check import load_checked
-from drake_pregrasp.simulation.yaml_text import parse_entries
 
 VELOCITY_COLUMNS = ("vx", "vy", "vz", "wx", "wy", "wz")
 """Further columns of the smoothed file: velocities of O in W, in m/s and rad/s."""

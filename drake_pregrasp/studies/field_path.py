@@ -9,8 +9,8 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from drake_pregrasp.config.yaml_text import TAG_KEY
 from drake_pregrasp.errors import ScenarioError
-from drake_pregrasp.simulation.yaml_text import TAG_KEY
 
 _NAME = r"[A-Za-z_]\w*"
 _PATH = re.compile(rf"{_NAME}(?:\.{_NAME}|\[\d+\])*")

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from drake_pregrasp.config.validation import scalar_problem
+from drake_pregrasp.config.yaml_text import TAG_KEY
 from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.geometry.random_objects import MASS, NUM_OBJECTS, object_url
-from drake_pregrasp.simulation.yaml_text import TAG_KEY
 from drake_pregrasp.studies.field_path import overlap, read_field, with_fields
 
 SEED_FIELD = "random_seed"

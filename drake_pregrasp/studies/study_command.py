@@ -9,8 +9,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from drake_pregrasp.config.yaml_text import dump_yaml
+from drake_pregrasp.diagrams.directive_files import checked_copy
 from drake_pregrasp.diagrams.hand_parsing import model_path
-from drake_pregrasp.diagrams.model_files import checked_model
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
 from drake_pregrasp.estimation.recorded_poses import MAX_BYTES
 from drake_pregrasp.geometry.meshes import companions
@@ -19,7 +20,6 @@ from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.output import write_text
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.schema_check import load_checked
-from drake_pregrasp.simulation.yaml_text import dump_yaml
 from drake_pregrasp.studies import field_path, measures, study_axes, study_file
 from drake_pregrasp.studies.command_options import (
     add_out_option,
@@ -186,7 +186,7 @@ def _files_of(scenario: Scenario, study: Study, allowed: list[Path]) -> set[Path
     if _is_file(hand):
         model = load_hand(hand, folders=allowed).model
         if _is_file(model):
-            found.update(checked_model(model_path(model), [Path(hand).parent, *allowed]).files)
+            found.update(checked_copy(model_path(model), [Path(hand).parent, *allowed]).files)
     return found
 
 

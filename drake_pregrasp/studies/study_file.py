@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from drake_pregrasp.arrays import first_tick, tick_index
+from drake_pregrasp.config.yaml_text import parse_yaml
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError, nearest
 from drake_pregrasp.resources import check_inside, resolve_path, resource_folder
 from drake_pregrasp.simulation.scenario_file import (
@@ -18,7 +19,6 @@ from drake_pregrasp.simulation.scenario_file import (
     scenario_from_data,
 )
 from drake_pregrasp.simulation.schema_check import check_mapping
-from drake_pregrasp.simulation.yaml_text import parse_yaml
 from drake_pregrasp.studies.field_path import overlap, walk, with_fields
 from drake_pregrasp.studies.grasps.goal_sources import GOAL_SOURCES
 from drake_pregrasp.studies.measures import MEASURES

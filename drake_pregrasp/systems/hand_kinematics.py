@@ -57,9 +57,7 @@ class HandKinematics:
         self.num_positions = int(plant.num_positions())
         self.tip_frames = list(tip_frames)
         self.frames = [scoped_frame(plant, name) for name in tip_frames]
-        self.stiffness, self.damping = _gains(plant)
-        drives = map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
-        self.efforts: FloatArray = np.array([drive.effort_limit() for drive in drives])
+        self.stiffness, self.damping, self.efforts = _drives(plant)
         self.lower, self.upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
         self.rate_limit = np.minimum(plant.GetVelocityUpperLimits(), LARGEST_RATE)
         self.acceleration_limit = plant.GetAccelerationUpperLimits()
@@ -149,7 +147,7 @@ def hand_links(
     tip_radii: Sequence[float] | FloatArray,
     inspector: SceneGraphInspector,
 ) -> dict[GeometryId, HandLink]:
-    """Returns the collision geometries of a hand, except those of bodies that do not move.
+    """Returns the collision geometries of all bodies that move with a joint of the hand.
 
     A fingertip is the geometry whose centre is within its radius of its frame. If a body has none
     there, all its geometries count as the fingertip.
@@ -170,10 +168,10 @@ def hand_links(
         near = [np.linalg.norm(place - p_BT) <= radius for place in places]
         tips.update(g for g, is_near in zip(there, near, strict=True) if is_near or not any(near))
     links = {}
-    for index in plant.GetBodyIndices(tip_frames[0].model_instance()):
+    for index in map(BodyIndex, range(plant.num_bodies())):
         body_frame = plant.get_body(index).body_frame()
         moved = moving_joints(plant, body_frame)
-        if not np.any(moved):
+        if not np.any(moved & np.any(moves, axis=0)):
             continue
         fingers = np.flatnonzero(own @ moved)
         finger = int(fingers[0]) if len(fingers) else BASE
@@ -208,27 +206,22 @@ def frame_names(plant: MultibodyPlant, model: ModelInstanceIndex) -> list[str]:
     return [name for name in names if name in bodies or not name.startswith(added)]
 
 
-def _gains(plant: MultibodyPlant) -> tuple[FloatArray, FloatArray]:
-    stiffness, damping = np.zeros((2, plant.num_positions()))
-    last = -1
+def _drives(plant: MultibodyPlant) -> FloatArray:
+    """Returns the gains of positions and velocities, and the efforts, shape (3, nq)."""
+    drives = np.zeros((3, plant.num_positions()))
     for index in plant.GetJointActuatorIndices():
         actuator = plant.get_joint_actuator(index)
-        position = actuator.joint().position_start()
-        if position <= last:  # Actuation ports follow the actuators, positions the joints.
-            raise InvalidArgumentError(
-                f"actuator {actuator.name()} must come in the order of the joints, one for each"
-            )
-        last = position
         if actuator.has_controller():
             gains = actuator.get_controller_gains()
-            stiffness[position], damping[position] = gains.p, gains.d
+            position = actuator.joint().position_start()
+            drives[:, position] = gains.p, gains.d, actuator.effort_limit()
     for index in plant.GetJointIndices():
         joint = plant.get_joint(index)
-        if joint.num_positions() and not stiffness[joint.position_start()] > 0:
+        if joint.num_positions() and not drives[0, joint.position_start()] > 0:
             raise InvalidArgumentError(
                 f"joint {joint.name()} is not driven; give it an effort and drake:controller_gains"
             )
-    return stiffness, damping
+    return drives
 
 
 def moving_joints(plant: MultibodyPlant, frame: Frame) -> BoolArray:

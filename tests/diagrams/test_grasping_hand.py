@@ -10,6 +10,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 import drake_pregrasp as dp
 from drake_pregrasp.config.hand_description import Carrier, HandDescription, Mount
+from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 
 SIZE = [0.1, 0.1, 0.1]
 SURFACE = dp.box_surface(SIZE, spacing=0.01, forbidden_faces=["+z", "-z"])
@@ -18,11 +19,11 @@ SURFACE = dp.box_surface(SIZE, spacing=0.01, forbidden_faces=["+z", "-z"])
 PLANNING = dp.PlannerConfig(static_duration=0.0)
 
 
-def add(p_OC=None, mass=0.4, surface=SURFACE, pose=X_WO, R_WA=None, **config):
+def add(p_OC=None, mass=0.4, surface=SURFACE, pose=X_WO, X_WB=FROM_ABOVE, **config):
     builder = DiagramBuilder()
     settings = MultibodyPlantConfig(time_step=0.01, use_sampled_output_ports=False)
     plant, _ = AddMultibodyPlant(settings, builder)
-    robot = dp.add_hand_model(plant, HAND.description, R_WA=R_WA)
+    robot = dp.add_hand_model(plant, HAND.description, X_WB=X_WB)
     plant.Finalize()
     added = dp.AddHandController(
         builder,
@@ -43,7 +44,7 @@ def add(p_OC=None, mass=0.4, surface=SURFACE, pose=X_WO, R_WA=None, **config):
 def test_the_robot_starts_where_its_controller_starts():
     builder, plant, robot, added = add()
     context = builder.Build().CreateDefaultContext()
-    q = plant.GetPositions(plant.GetMyContextFromRoot(context), robot)
+    q = plant.GetPositions(plant.GetMyContextFromRoot(context), *robot)
     np.testing.assert_array_equal(q, added.controller.initial)
     p_WC = added.planner.GetOutputPort("p_WC")
     planning = added.planner.GetMyMutableContextFromRoot(context)
@@ -99,10 +100,10 @@ def test_a_carrier_that_stands_so_comes_from_the_side_with_chosen_and_with_given
     assert axis[2] == pytest.approx(0, abs=1e-9)
     own = {"mass": 0.3, "surface": TALL, "pose": pose, "approaches": ["side"]}
     for p_OC in (None, given):
-        _, plant, robot, added = add(p_OC, **own, R_WA=hand.X_LA.rotation())
+        _, plant, robot, added = add(p_OC, **own, X_WB=hand.X_WB)
         context = plant.CreateDefaultContext()
-        plant.SetPositions(context, robot, added.controller.initial)
-        palm = plant.GetFrameByName("palm", robot).CalcPoseInWorld(context).translation()
+        plant.SetPositions(context, *robot, added.controller.initial)
+        palm = plant.GetFrameByName("palm", *robot).CalcPoseInWorld(context).translation()
         assert (palm - pose.translation()) @ axis > 0.15
     with pytest.raises(
         dp.InvalidArgumentError, match="the carrier in the plant is turned for none"
@@ -183,21 +184,21 @@ def test_an_object_that_is_turned_about_the_vertical_is_grasped_from_the_same_si
 
 
 @pytest.mark.parametrize(("kind", "link"), [*((kind, "") for kind in MODELS), ("sdf", "palm")])
-def test_the_model_of_a_carrier_stands_as_the_approach_asks(kind, link, tmp_path):
+def test_the_model_of_a_carrier_stands_where_its_base_does(kind, link, tmp_path):
     file = tmp_path / f"own.{kind}"
     file.write_text(MODELS[kind])
-    R_WA = RollPitchYaw(0.4, 1.2, -0.7).ToRotationMatrix()
+    X_WB = RigidTransform(RollPitchYaw(0.4, 1.2, -0.7), [0.3, -0.2, 0.5])
     poses = []
-    for turn in (None, R_WA):
+    for pose in (FROM_ABOVE, X_WB):
         plant = MultibodyPlant(0.01)
         dp.add_hand_model(
-            plant, HandDescription(str(file), Carrier(mount=Mount(link=link))), R_WA=turn
+            plant, HandDescription(str(file), Carrier(mount=Mount(link=link))), X_WB=pose
         )
         plant.Finalize()
         context = plant.CreateDefaultContext()
         plant.SetPositions(context, np.full(plant.num_positions(), 0.3))
         poses.append(plant.GetFrameByName("palm").CalcPoseInWorld(context))
     upright, turned = poses
-    expected = RigidTransform(R_WA) @ upright
+    expected = X_WB @ upright
     np.testing.assert_allclose(turned.GetAsMatrix4(), expected.GetAsMatrix4(), atol=1e-9)
     assert np.linalg.norm(upright.translation()) > 0.1

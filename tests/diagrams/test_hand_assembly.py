@@ -28,7 +28,7 @@ def gripper(tmp_path_factory) -> HandDescription:
 def tips_at(description, **positions):
     """The fingertips' places with joints at some positions, and the plant."""
     plant = MultibodyPlant(0.0)
-    hand = add_hand_model(plant, description)
+    (hand,) = add_hand_model(plant, description)
     for name, position in positions.items():
         plant.GetMutableJointByName(name).set_default_positions([position])
     plant.Finalize()
@@ -68,14 +68,14 @@ def test_a_locked_joint_stays_at_its_position(gripper):
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
-        ({"locked": [LockedJoint("wrist")]}, "no Joint named 'wrist'"),
-        ({"locked": [LockedJoint("palm_to_wrist")]}, "no Joint named"),
+        ({"locked": [LockedJoint("wrist")]}, "locked: there is no joint wrist"),
+        ({"locked": [LockedJoint("palm_to_wrist")]}, "locked: there is no joint palm_to_wrist"),
         ({"locked": [LockedJoint("swing_0", 9.0)]}, "locked: 9 of swing_0 must be from"),
-        ({"drives": [Drive(["wrist"])]}, "drives: no joint wrist"),
+        ({"drives": [Drive(["wrist"])]}, "drives: there is no joint wrist"),
         ({"drives": [Drive(), Drive()]}, "must have one drive only"),
         ({"drives": [Drive(["swing_0"])]}, "drives: none for joint"),
-        ({"link": "thumb"}, "no Frame named 'thumb'"),
-        ({"mount": "wrist"}, "no RigidBody named 'wrist'"),
+        ({"link": "thumb"}, "link: there is no link thumb"),
+        ({"mount": "wrist"}, "link: there is no link wrist"),
         ({"mount": "distal_0"}, "mount.link: distal_0 hangs on proximal_0"),
     ],
 )

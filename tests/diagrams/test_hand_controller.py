@@ -131,7 +131,7 @@ def _fingertip_kinematics() -> DifferentialInverseKinematicsSystem:
     robot.plant().Finalize()
     checker = SceneGraphCollisionChecker(
         model=robot.Build(),
-        robot_model_instances=[hand],
+        robot_model_instances=hand,
         edge_step_size=1.0,
         configuration_distance_function=lambda a, b: float(np.linalg.norm(a - b)),
     )

@@ -8,7 +8,7 @@ import time
 import pytest
 
 from drake_pregrasp.errors import InvalidArgumentError, OutputError
-from drake_pregrasp.robots import allegro_panda, robot_models
+from drake_pregrasp.robots import robot_data, robot_models
 from drake_pregrasp.robots.robot_models import cache_folder, cached, source_digest
 
 
@@ -104,6 +104,6 @@ def test_a_change_of_the_source_is_another_version(tmp_path):
 def test_unknown_robots_and_a_missing_package_are_told_in_a_line(monkeypatch):
     with pytest.raises(InvalidArgumentError, match=r"no robot robots://shadow.urdf; there are: ro"):
         robot_models.robot_model("robots://shadow.urdf")
-    monkeypatch.setattr(allegro_panda, "PACKAGE", "example-robot-data-that-is-not-there")
+    monkeypatch.setattr(robot_data, "PACKAGE", "example-robot-data-that-is-not-there")
     with pytest.raises(InvalidArgumentError, match=r"pip install 'drake_pregrasp\[robots\]'"):
-        robot_models.robot_model("robots://allegro_panda.urdf")
+        robot_models.robot_model("robots://panda.urdf")

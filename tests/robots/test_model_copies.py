@@ -13,7 +13,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
-from drake_pregrasp.diagrams import model_files
+from drake_pregrasp.diagrams import model_files, package_files
 from drake_pregrasp.diagrams.model_files import checked_model
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.resources import resource_folder
@@ -148,7 +148,8 @@ def test_too_many_elements_are_refused(tmp_path, inside, problem):
     ("name", "most"), [("MAX_PART_BYTES", 999), ("MAX_TRIANGLES", 319), ("MAX_MODEL_BYTES", 99)]
 )
 def test_too_large_files_are_refused(tmp_path, monkeypatch, name, most):
-    monkeypatch.setattr(model_files, name, most)
+    module = package_files if hasattr(package_files, name) else model_files
+    monkeypatch.setattr(module, name, most)
     with pytest.raises(InvalidArgumentError, match=r"own.xml.* more than"):
         checked_model(write(tmp_path, MJCF, "own.xml"))
 

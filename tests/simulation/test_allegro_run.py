@@ -18,7 +18,7 @@ from drake_pregrasp import (
 )
 from drake_pregrasp.cli import main
 from drake_pregrasp.resources import resource_folder
-from drake_pregrasp.robots import allegro_panda
+from drake_pregrasp.robots import robot_data
 from drake_pregrasp.systems.palm_frames import pose_error
 
 pytestmark = pytest.mark.slow
@@ -188,7 +188,7 @@ def test_a_box_that_is_too_long_for_the_opening_is_refused(allegro_panda):
 
 def test_without_the_extra_a_line_says_what_to_install(monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(allegro_panda, "PACKAGE", "example-robot-data-that-is-not-there")
+    monkeypatch.setattr(robot_data, "PACKAGE", "example-robot-data-that-is-not-there")
     assert main(["run", NAME]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "hand.file" in line

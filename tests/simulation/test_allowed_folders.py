@@ -8,7 +8,7 @@ from hand_files import MODEL, write_hand
 
 from drake_pregrasp import ScenarioError, load_hand, load_scenario
 from drake_pregrasp.cli import main
-from drake_pregrasp.diagrams.model_files import find_packages
+from drake_pregrasp.diagrams.package_files import find_packages
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.resources import resolve_path
 

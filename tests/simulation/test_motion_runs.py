@@ -6,13 +6,13 @@ from conftest import read_log, usable_scenarios
 from simulation_runs import contacts, pose, run_log
 
 from drake_pregrasp import Scenario, load_scenario, resolve, run, shipped_scenarios
+from drake_pregrasp.config.yaml_text import load_typed
 from drake_pregrasp.diagrams.expected_path import expected_path
 from drake_pregrasp.estimation.recorded_poses import read_recorded_poses
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.recording import camera_view
 from drake_pregrasp.simulation.scenario_file import read_mapping
 from drake_pregrasp.simulation.smooth_file import CARRIED, load_estimator, smooth_file
-from drake_pregrasp.simulation.yaml_text import load_typed
 
 MOTIONS = [name for name, (file, _) in shipped_scenarios().items() if file.stem == "motions"]
 HALF_VIEW = np.radians(75 / 2)  # Of Meshcat's camera, upwards; it sees more to the sides.

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from drake_pregrasp import ScenarioError, shipped_scenarios
-from drake_pregrasp.robots import allegro_panda
+from drake_pregrasp.robots import robot_data
 from drake_pregrasp.studies.bench import bench as bench_module
 from drake_pregrasp.studies.bench import run_times, tick_times
 from drake_pregrasp.studies.bench.bench import QUESTIONS, bench, goals_table, plan, report
@@ -120,7 +120,7 @@ def test_ticks_at_which_a_hand_holds_contacts_do_not_count(monkeypatch):
 
 
 def test_only_scenarios_that_lack_an_extra_are_left_out(monkeypatch):
-    monkeypatch.setattr(allegro_panda, "PACKAGE", "not-installed")
+    monkeypatch.setattr(robot_data, "PACKAGE", "not-installed")
     (row,) = time_run(RunJob("arm", "grasp_allegro_panda"))
     assert row["run"] == "arm"
     assert "drake_pregrasp[robots]" in row["not run"]

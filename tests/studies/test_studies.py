@@ -17,10 +17,10 @@ from trimesh.creation import box
 
 from drake_pregrasp import ScenarioError, load_scenario, run
 from drake_pregrasp.cli import main
+from drake_pregrasp.config.yaml_text import dump_yaml
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.run_log import adapting_phase
 from drake_pregrasp.simulation.scenario_file import scenario_data, scenario_from_data
-from drake_pregrasp.simulation.yaml_text import dump_yaml
 from drake_pregrasp.studies.field_path import read_field, set_field
 from drake_pregrasp.studies.measures import MARGINS, PLANNING
 from drake_pregrasp.studies.runner import FAILED, JOURNAL, ROWS, SETTINGS

@@ -1,5 +1,7 @@
 """Kinematics of a hand, and the forces and positions that its fingertips measure."""
 
+import itertools
+
 import numpy as np
 import pytest
 from driven import Driven
@@ -45,30 +47,35 @@ def test_a_stretched_finger_shows_no_force_that_its_torques_hide(curl):
 LINK = """<link name="{}"><inertial><mass value="1"/>
   <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>"""
 JOINT = """<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/>
-  <axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>"""
+  <axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="{}" velocity="1"/></joint>"""
 DRIVE = """<transmission><type>transmission_interface/SimpleTransmission</type>
   <joint name="{0}"/><actuator name="{0}_drive">{1}</actuator></transmission>"""
-GAINS = '<drake:controller_gains p="1" d="1"/>'
-LINKS = [LINK.format(name) for name in ("palm", "a", "b")]
-JOINTS = [JOINT.format("j1", "palm", "a"), JOINT.format("j2", "a", "b")]
+GAINS = '<drake:controller_gains p="{}" d="1"/>'
+NAMES = ["palm", "a", "b", "c"]
+JOINTS = [JOINT.format(b, a, b, i) for i, (a, b) in enumerate(itertools.pairwise(NAMES), 1)]
 
 
-@pytest.mark.parametrize(
-    ("drives", "message"),
-    [
-        ([("j1", GAINS), ("j2", "")], "joint j2 is not driven"),
-        ([("j2", GAINS), ("j1", GAINS)], "j1_drive must come in the order of the joints"),
-    ],
-)
-def test_joints_must_be_driven_in_their_order(drives, message):
+def kinematics_of(drives):
     plant = MultibodyPlant(0.01)
-    parts = "".join([*LINKS, *JOINTS, *(DRIVE.format(*drive) for drive in drives)])
+    parts = "".join(
+        [*map(LINK.format, NAMES), *JOINTS, *(DRIVE.format(*drive) for drive in drives)]
+    )
     text = f'<robot name="hand" xmlns:drake="drake.mit.edu">{parts}</robot>'
     Parser(plant).AddModelsFromString(text, "urdf")
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("palm"))
     plant.Finalize()
-    with pytest.raises(InvalidArgumentError, match=message):
-        HandKinematics(plant, ["hand::b"])
+    return HandKinematics(plant, ["hand::c"])
+
+
+def test_drives_may_come_in_any_order():
+    hand = kinematics_of([(name, GAINS.format(ord(name))) for name in "cab"])
+    np.testing.assert_array_equal(hand.stiffness, [ord(name) for name in "abc"])
+    np.testing.assert_array_equal(hand.efforts, [1, 2, 3])
+
+
+def test_a_joint_without_a_drive_is_named():
+    with pytest.raises(InvalidArgumentError, match="joint b is not driven"):
+        kinematics_of([("a", GAINS.format(1)), ("b", ""), ("c", GAINS.format(1))])
 
 
 def test_a_model_instance_that_is_not_there_is_named():

@@ -1,12 +1,10 @@
-"""An Allegro hand, alone or palm down on the flange of a Panda arm."""
+"""Arms and hands of the package `example-robot-data`."""
 
 import importlib.metadata
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
-from xml.etree.ElementTree import Element
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.robots import urdf_repair
@@ -66,55 +64,39 @@ def find_robot_data() -> RobotData:
     raise InvalidArgumentError(f"{PACKAGE} {distribution.version} has no {_LANDMARK}; reinstall it")
 
 
-_PANDA = "robots/panda_description/urdf/panda.urdf"
-_ALLEGRO = "robots/allegro_hand_description/urdf/allegro_right_hand.urdf"
+ROBOTS: Mapping[str, str] = {
+    "allegro_hand.urdf": "robots/allegro_hand_description/urdf/allegro_right_hand.urdf",
+    "panda.urdf": "robots/panda_description/urdf/panda.urdf",
+    "ur5.urdf": "robots/ur_description/urdf/ur5_robot.urdf",
+    "xarm7.urdf": "robots/xarm_description/urdf/xarm7.urdf",
+}
+"""Files of the collection by the names of the converted models, which are not joined to the world
+and have no gripper."""
 
-# Position of the arm's base in W: it stands behind the conveyor, and reaches over it.
-_BASE_XYZ = (-0.55, 0.0, 0.0)
-
-# Pose of the palm on the flange. The palm's x axis, normal to its face, is along the flange's z, so
-# fingers reach forward and bend down. Hanging fingers fail: the thumb ends 0.1 m above the others.
-_PALM_XYZ = (-0.02, 0.0, 0.045)
-_PALM_RPY = (math.pi, -math.pi / 2, 0.0)
-
+_GRIPPER = "panda_hand"  # Link of the Panda's gripper, on its flange.
 _FRICTION = 0.7  # Friction coefficient of rubber on most materials.
 _STIFFNESS = 1e4  # Stiffness of rubber tips in N/m; harder contacts would chatter.
 
 
-def write_allegro_panda(
-    data: RobotData, folder: Path, on_progress: Callable[[int, int], None]
+def write_robot(
+    name: str, data: RobotData, folder: Path, on_progress: Callable[[int, int], None]
 ) -> Path:
-    """Writes the URDF of arm and hand and their meshes, and returns the path of the URDF.
+    """Writes the URDF of a robot as Drake needs it, and its meshes; returns the path of the URDF.
 
     Args:
-        data: Installed collection with the arm and the hand.
+        name: Name of the robot in `ROBOTS`.
+        data: Installed collection with the robot.
         folder: Empty folder for the files.
         on_progress: Function that is called with the numbers of meshes done and of all.
 
     Raises:
         InvalidArgumentError: If `data` lacks a file, or has one that cannot be read.
     """
-    robot = ElementTree.parse(data.find(_PANDA)).getroot()
-    urdf_repair.drop_from(robot, "panda_hand")
-    urdf_repair.add_robot(robot, ElementTree.parse(data.find(_ALLEGRO)).getroot())
-    urdf_repair.weld(robot, "world", "panda_link0", xyz=_BASE_XYZ, rpy=(0.0, 0.0, 0.0))
-    urdf_repair.weld(robot, "panda_link8", "palm_link", xyz=_PALM_XYZ, rpy=_PALM_RPY)
-    return _write(robot, data, folder / "allegro_panda.urdf", on_progress)
-
-
-def write_allegro_hand(
-    data: RobotData, folder: Path, on_progress: Callable[[int, int], None]
-) -> Path:
-    """Writes the URDF of the hand alone, as `write_allegro_panda` does."""
-    robot = ElementTree.parse(data.find(_ALLEGRO)).getroot()
-    return _write(robot, data, folder / "allegro_hand.urdf", on_progress)
-
-
-def _write(
-    robot: Element, data: RobotData, path: Path, on_progress: Callable[[int, int], None]
-) -> Path:
-    """Writes a robot as Drake needs it."""
+    path = folder / name
+    robot = ElementTree.parse(data.find(ROBOTS[name])).getroot()
     robot.set("name", path.stem)
+    urdf_repair.drop_world(robot)
+    urdf_repair.drop_from(robot, _GRIPPER)
     urdf_repair.drop_ignored(robot)
     urdf_repair.repair_inertias(robot)
     urdf_repair.set_contact(robot, _FRICTION, _STIFFNESS)

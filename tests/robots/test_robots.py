@@ -6,27 +6,27 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from pydrake.geometry import Role
-from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import DiagramBuilder
 
-from drake_pregrasp import HandModel, load_hand
-from drake_pregrasp.robots.allegro_panda import find_robot_data
+from drake_pregrasp import HandModel, add_hand_model, load_hand
+from drake_pregrasp.robots.robot_data import ROBOTS, find_robot_data
 from drake_pregrasp.robots.robot_models import robot_model
 
 TIPS = [f"link_{i}.0_tip" for i in (3, 7, 11, 15)]
 
 
-def load(urdf):
+def load():
     plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.01)
-    Parser(plant).AddModels(str(urdf))
+    add_hand_model(plant, load_hand("package://drake_pregrasp/allegro_panda.yaml"))
     plant.Finalize()
     return plant, scene_graph.model_inspector()
 
 
 @pytest.fixture(scope="module")
 def plant(allegro_panda):
-    return load(allegro_panda)[0]
+    return load()[0]
 
 
 def test_drake_loads_it_without_a_word_with_few_solid_collision_shapes(
@@ -35,7 +35,7 @@ def test_drake_loads_it_without_a_word_with_few_solid_collision_shapes(
     logger = logging.getLogger("drake")
     logger.addHandler(caplog.handler)
     try:
-        _, inspector = load(allegro_panda)
+        _, inspector = load()
     finally:
         logger.removeHandler(caplog.handler)
     assert caplog.messages == []
@@ -69,8 +69,8 @@ def test_the_palm_faces_down_where_the_flange_does(plant):
 
 def test_all_bodies_are_possible_and_none_is_of_the_gripper(plant):
     context = plant.CreateDefaultContext()
-    indices = plant.GetBodyIndices(plant.GetModelInstanceByName("allegro_panda"))
-    bodies = {plant.get_body(index).name(): plant.get_body(index) for index in indices}
+    indices = range(1, plant.num_bodies())
+    bodies = {body.name(): body for body in map(plant.get_body, map(BodyIndex, indices))}
     assert not [name for name in bodies if "finger" in name or name.startswith("panda_hand")]
     assert set(TIPS) < set(bodies)
     for body in bodies.values():
@@ -87,21 +87,19 @@ def test_masses_and_moving_parts_are_those_of_the_package(allegro_panda):
         }
 
     data = find_robot_data()
-    package = links(data.find("robots/panda_description/urdf/panda.urdf"))
-    package |= links(data.find("robots/allegro_hand_description/urdf/allegro_right_hand.urdf"))
-    ours = links(allegro_panda)
-    assert ours
-    assert all(package[name] == mass for name, mass in ours.items())
+    for name, file in ROBOTS.items():
+        package, ours = links(data.find(file)), links(robot_model(f"robots://{name}"))
+        assert ours
+        assert all(package[name] == mass for name, mass in ours.items())
 
 
 @pytest.mark.slow
-def test_the_first_time_it_is_made_in_silence_and_wholly(
-    allegro_panda, tmp_path, capfd, monkeypatch
-):
+def test_the_first_time_it_is_made_in_silence_and_wholly(tmp_path, capfd, monkeypatch):
+    before = robot_model("robots://panda.urdf").read_bytes()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    made = robot_model("robots://allegro_panda.urdf")
+    made = robot_model("robots://panda.urdf")
     assert capfd.readouterr() == ("", "")
-    assert made.read_bytes() == allegro_panda.read_bytes()
+    assert made.read_bytes() == before
     files = {path for path in made.parent.rglob("*") if path.is_file()}
     meshes = ElementTree.parse(made).getroot().iter("mesh")
     assert files == {made, *(made.parent / mesh.get("filename") for mesh in meshes)}

@@ -7,10 +7,10 @@ import pytest
 from pydrake.common.yaml import yaml_load_data
 
 from drake_pregrasp import ScenarioError
+from drake_pregrasp.config import yaml_text
+from drake_pregrasp.config.yaml_text import MAX_DEPTH, MAX_DIGITS, MAX_VALUES, parse_yaml
 from drake_pregrasp.errors import LONGEST_KEY, LONGEST_MESSAGE, printable
 from drake_pregrasp.resources import resource_folder
-from drake_pregrasp.simulation import yaml_text
-from drake_pregrasp.simulation.yaml_text import MAX_DEPTH, MAX_DIGITS, MAX_VALUES, parse_yaml
 
 FILES = [*resource_folder("scenarios").glob("*.yaml"), *resource_folder("models").glob("*.yaml")]
 

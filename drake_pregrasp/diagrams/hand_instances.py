@@ -1,0 +1,172 @@
+"""The model instances of a plant that together are a hand and what carries it."""
+
+import contextlib
+from collections.abc import Iterator, Sequence
+
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, Joint, ModelInstanceIndex, RigidBody
+from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort
+from pydrake.systems.primitives import Selector, SelectorParams
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.systems.hand_kinematics import frame_names
+
+SCOPE = "::"
+"""Separator of the names of a model instance and of its element."""
+
+
+class HandInstances:
+    """Finds joints, links and frames of a hand by their names in one or several model instances.
+
+    A name is that of the element, or `model_instance::element` if several instances have it.
+
+    Args:
+        plant: Plant with the hand.
+        instances: Model instances of the hand and of what carries it.
+    """
+
+    def __init__(self, plant: MultibodyPlant, instances: Sequence[ModelInstanceIndex]) -> None:
+        self.plant, self.instances = plant, list(instances)
+
+    def joint(self, name: str, key: str) -> Joint:
+        """Returns a joint.
+
+        Args:
+            name: Name of the joint.
+            key: Key that names it, for error messages.
+
+        Raises:
+            InvalidArgumentError: If there is none, or more than one; so for other elements.
+        """
+        instance, bare = self._owner(name, f"{key}: ", "joint")
+        return self.plant.GetMutableJointByName(bare, instance)
+
+    def body(self, name: str, key: str) -> RigidBody:
+        """Returns a link."""
+        instance, bare = self._owner(name, f"{key}: ", "link")
+        return self.plant.GetBodyByName(bare, instance)
+
+    def find_body(self, name: str) -> RigidBody | None:
+        """Returns a link; None if there is none, or more than one."""
+        with contextlib.suppress(InvalidArgumentError):
+            return self.body(name, "link")
+        return None
+
+    def frame(self, name: str, key: str) -> Frame:
+        """Returns a frame; links have frames of their names."""
+        instance, bare = self._owner(name, f"{key}: ", "frame")
+        return self.plant.GetFrameByName(bare, instance)
+
+    def scoped_name(self, element: Joint | RigidBody | Frame) -> str:
+        """Returns the name of an element behind that of its model instance."""
+        instance = self.plant.GetModelInstanceName(element.model_instance())
+        return f"{instance}{SCOPE}{element.name()}"
+
+    def joints(self) -> Iterator[Joint]:
+        """Yields all joints, those that do not move among them."""
+        for instance in self.instances:
+            yield from map(self.plant.get_mutable_joint, self.plant.GetJointIndices(instance))
+
+    def bodies(self) -> Iterator[RigidBody]:
+        """Yields all links."""
+        for instance in self.instances:
+            yield from map(self.plant.get_body, self.plant.GetBodyIndices(instance))
+
+    def moving_joints(self) -> list[Joint]:
+        """Returns the joints that move, in the order of their positions in a finalized plant."""
+        moving = [joint for joint in self.joints() if joint.num_positions()]
+        return sorted(moving, key=lambda joint: joint.position_start())
+
+    def _owner(self, name: str, prefix: str, kind: str) -> tuple[ModelInstanceIndex, str]:
+        """Returns the model instance of an element, and its name there."""
+        scope, _, bare = name.rpartition(SCOPE)
+        names = {i: self._names(i, kind) for i in self.instances}
+        having = [i for i in self.instances if bare in names[i]]
+        titles = {i: self.plant.GetModelInstanceName(i) for i in self.instances}
+        if scope and len(having) > 1:
+            having = [i for i in having if titles[i] == scope] or having
+        if len(having) == 1:
+            return having[0], bare
+        if having:
+            choices = " or ".join(f"{titles[i]}{SCOPE}{bare}" for i in having)
+            raise InvalidArgumentError(f"{prefix}{kind} {name} is ambiguous; write {choices}")
+        there = ", ".join(dict.fromkeys(name for own in names.values() for name in own))
+        raise InvalidArgumentError(f"{prefix}there is no {kind} {name}; there are: {there}")
+
+    def _names(self, instance: ModelInstanceIndex, kind: str) -> list[str]:
+        plant = self.plant
+        if kind == "frame":
+            return frame_names(plant, instance)
+        if kind == "link":
+            return [plant.get_body(index).name() for index in plant.GetBodyIndices(instance)]
+        return [plant.get_joint(index).name() for index in plant.GetJointIndices(instance)]
+
+
+def set_default_positions(joints: Sequence[Joint], q: FloatArray) -> None:
+    """Sets the default positions of joints of one position each.
+
+    Args:
+        joints: The joints.
+        q: Position of each joint, in radians or metres.
+    """
+    for joint, position in zip(joints, q, strict=True):
+        joint.set_default_positions([position])
+
+
+def hand_ports(
+    builder: DiagramBuilder, plant: MultibodyPlant, joints: Sequence[Joint]
+) -> tuple[InputPort, OutputPort, OutputPort]:
+    """Adds systems that select the values of a hand's joints from the ports of a plant.
+
+    Args:
+        builder: Builder of the diagram, with the plant.
+        plant: A finalized plant with the hand.
+        joints: The hand's joints in the order of the values, all driven.
+
+    Returns:
+        Port for the desired positions and velocities, and ports with the positions and velocities,
+        and with the torques or forces of the actuators, in N m or N.
+    """
+    actuators = [plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices()]
+    inputs = {int(drive.joint().index()): drive.input_start() for drive in actuators}
+    order = {int(joint.index()): place for place, joint in enumerate(joints)}
+    nq, count = plant.num_positions(), len(joints)
+    measured = [joint.position_start() for joint in joints]
+    measured += [nq + joint.velocity_start() for joint in joints]
+    state = _select(builder, "hand_state", plant.num_multibody_states(), [measured])
+    builder.Connect(plant.get_state_output_port(), state.get_input_port(0))
+    driven = [inputs[int(joint.index())] for joint in joints]
+    actuation = _select(builder, "hand_actuation", plant.num_actuated_dofs(), [driven])
+    builder.Connect(plant.get_net_actuation_output_port(), actuation.get_input_port(0))
+    instances = sorted({joint.model_instance() for joint in joints}, key=int)
+    wanted = []
+    for instance in instances:
+        own = plant.GetJointActuatorIndices(instance)
+        places = [order[int(plant.get_joint_actuator(i).joint().index())] for i in own]
+        wanted.append([*places, *(count + place for place in places)])
+    desired = _select(builder, "hand_drives", 2 * count, wanted)
+    for port, instance in enumerate(instances):
+        goal = plant.get_desired_state_input_port(instance)
+        builder.Connect(desired.get_output_port(port), goal)
+    return desired.get_input_port(0), state.get_output_port(0), actuation.get_output_port(0)
+
+
+def _select(
+    builder: DiagramBuilder, name: str, size: int, outputs: Sequence[Sequence[int]]
+) -> Selector:
+    """Adds a system that emits the elements of a vector at some indices, per output port."""
+    params = SelectorParams(
+        inputs=[SelectorParams.InputPortParams(name="u", size=size)],
+        outputs=[
+            SelectorParams.OutputPortParams(
+                name=f"y{port}",
+                selections=[
+                    SelectorParams.OutputSelection(input_port_index=0, input_offset=index)
+                    for index in indices
+                ],
+            )
+            for port, indices in enumerate(outputs)
+        ],
+    )
+    return builder.AddNamedSystem(name, Selector(params))
