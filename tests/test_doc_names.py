@@ -29,6 +29,7 @@ ELSEWHERE = {
     "ROS_PACKAGE_PATH",
     "System.Clone",
     "ToAutoDiffXd",
+    "cartesian_axis_masks",
     "desired_cartesian_poses",
     "drake_pregrasp.Measures",
     "foxglove.FrameTransform",

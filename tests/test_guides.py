@@ -14,6 +14,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from drake_pregrasp import (
     AddPregraspPlanner,
+    HandModel,
     MeasurementVerdict,
     PlannerConfig,
     ScenarioError,
@@ -94,6 +95,36 @@ def test_the_robot_in_a_plant_of_ones_own_lifts_the_box(hand, request, capsys):
     height = capsys.readouterr().out.rpartition("HOLD at ")[2].removesuffix(" m\n")
     assert float(height) == pytest.approx(0.1, abs=0.003)
     assert names["X_WO"].rotation().matrix()[2, 2] > 0.99
+
+
+def tip_errors(names, p_WT):
+    """Distances of fingertips from their last goals, in metres."""
+    goals = [names["centers"].Find(frame).translation() for frame in names["frames"]]
+    return np.linalg.norm(p_WT - goals, axis=1)
+
+
+@pytest.mark.slow
+def test_a_controller_of_ones_own_follows_with_drakes_kinematics():
+    goals, drake, _ = blocks("own_controller.md", "python")
+    masks = "follow.cartesian_axis_masks = center.cartesian_axis_masks = masks\n"
+    assert masks in drake
+    for code, least, most in ((drake, 0.0, 0.001), (drake.replace(masks, ""), 0.02, 1.0)):
+        names = executed("own_controller.md", goals + code)
+        p_WT = HandModel(names["hand"]).tips_at(names["q"])
+        assert least <= np.max(tip_errors(names, p_WT)) < most
+        assert names["meshcat"].HasPath("/drake/visualizer")
+
+
+@pytest.mark.slow
+def test_a_controller_of_ones_own_follows_with_mink(monkeypatch, tmp_path):
+    pytest.importorskip("mink")
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(DOCS / "own_hand" / "gripper.urdf", tmp_path)
+    goals, _, mink = blocks("own_controller.md", "python")
+    names = executed("own_controller.md", goals + mink)
+    p_WT = [names["robot"].data.site(frame).xpos for frame in names["frames"]]
+    assert np.max(tip_errors(names, np.array(p_WT))) < 0.001
+    assert names["meshcat"].HasPath("/drake/gripper")
 
 
 @pytest.mark.slow
