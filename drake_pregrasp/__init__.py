@@ -11,7 +11,7 @@ from drake_pregrasp.config.planner_config import (
     PlannerConfig,
 )
 from drake_pregrasp.contacts.assignment import ring_contacts
-from drake_pregrasp.contacts.goal_limits import Pair
+from drake_pregrasp.contacts.contact_pairs import Pair
 from drake_pregrasp.contacts.selection_input import ContactStatus, SelectionInput, WeightFunction
 from drake_pregrasp.diagrams.grasping_hand import AddHandController, GraspingHand, choose_approach
 from drake_pregrasp.diagrams.hand_controller import HandController

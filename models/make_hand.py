@@ -165,14 +165,11 @@ def frame(name: str, body: str, pose: str) -> str:
     return f'    <frame name="{name}" attached_to="{body}"><pose>{pose}</pose></frame>\n'
 
 
-def carrier() -> str:
-    """Returns the axes x, y, z and yaw, and the palm."""
+def carrier(palm: str, mass: float, radius: float) -> str:
+    """Returns the axes x, y, z and yaw, and a palm of the given parts, mass and radius."""
     slide = {"lower": -1.5, "upper": 1.5, **AXIS_DRIVE}
     turn = {"lower": -31.4, "upper": 31.4, **WRIST_DRIVE}
     mast = VISUAL.format(name="mast", z="0.17", shape=cylinder(0.014, 0.30), color=STEEL)
-    disc = VISUAL.format(name="disc", z="0.014", shape=cylinder(0.056, 0.016), color=DARK)
-    disc += COLLISION.format(name="disc", z="0.014", shape=cylinder(0.056, 0.016))
-    flange = VISUAL.format(name="flange", z="0.030", shape=cylinder(0.026, 0.020), color=STEEL)
     return "".join(
         [
             link("carriage", "", mass=3.0, length=0.1, radius=0.05),
@@ -181,10 +178,17 @@ def carrier() -> str:
             joint("y", "prismatic", "carriage", "bridge", "0 1 0", **slide),
             link("column", mast, mass=2.0, length=0.1, radius=0.05),
             joint("z", "prismatic", "bridge", "column", "0 0 1", **slide),
-            link("palm", disc + flange, mass=0.6, length=0.02, radius=0.056),
+            link("palm", palm, mass=mass, length=0.02, radius=radius),
             joint("yaw", "revolute", "column", "palm", "0 0 1", **turn),
         ]
     )
+
+
+def radial_palm() -> str:
+    """Returns the parts of the palm of a radial hand."""
+    disc = VISUAL.format(name="disc", z="0.014", shape=cylinder(0.056, 0.016), color=DARK)
+    disc += COLLISION.format(name="disc", z="0.014", shape=cylinder(0.056, 0.016))
+    return disc + VISUAL.format(name="flange", z="0.030", shape=cylinder(0.026, 0.020), color=STEEL)
 
 
 def finger(index: int, azimuth: float) -> str:
@@ -278,7 +282,8 @@ def main() -> None:
     for count, number in NUMBERS.items():
         name, azimuths = f"{number}_finger_hand", [2 * math.pi * k / count for k in range(count)]
         fingers = "".join(finger(index, azimuth) for index, azimuth in enumerate(azimuths))
-        model = HEAD.format(number=number) + carrier() + fingers + TAIL
+        palm = carrier(radial_palm(), mass=0.6, radius=0.056)
+        model = HEAD.format(number=number) + palm + fingers + TAIL
         (FOLDER / f"{name}.sdf").write_text(model, encoding="utf-8")
         (FOLDER / f"{name}.yaml").write_text(description(name, azimuths), encoding="utf-8")
 

@@ -1,19 +1,26 @@
-"""Configuration of the grasp, and the limits that a hand sets to the planner."""
+"""Configuration of the grasp, and what a hand adds to the settings of planner and measures."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.config.hand_description import Closing, Fingertip, HandDescription
+from drake_pregrasp.config.hand_description import (
+    Closing,
+    Fingertip,
+    HandDescription,
+    least_fingers,
+)
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.object_config import POINT
+from drake_pregrasp.config.planner_config import MeasuresConfig
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.mesh_surface import TipSize
 from drake_pregrasp.grasping.fingertip_paths import MOVING_CLEARANCE, OTHER_CLEARANCE
 from drake_pregrasp.grasping.grasp_state import GraspSettings
+from drake_pregrasp.quality.force_closure import torsional_friction_of
 
 ABOVE, SIDE = "above", "side"
 """Values of `GraspConfig.approaches`."""
@@ -141,6 +148,7 @@ class GraspConfig:
             largest_force=np.minimum(self.largest_force, [c.force for c in closing]),
             lift_height=self.lift_height,
             lift_duration=self.lift_duration,
+            least_fingers=least_fingers(fingertips),
         )
 
     def tip_size(self, fingertips: Sequence[Fingertip]) -> TipSize:
@@ -180,5 +188,26 @@ def hand_limits(hand: HandDescription, grasp: GraspConfig, *, reach: bool = True
         standoff=grasp.standoff,
         reach=[tip.reach for tip in tips] if reach else [],
         forbidden_faces=[tip.forbidden_faces for tip in tips],
+        pairs=hand.jaws,
         recover=True,
     )
+
+
+def hand_measures(config: MeasuresConfig, hand: HandDescription) -> MeasuresConfig:
+    """Returns the assumptions of measures, with the contact model of a hand's soft fingertips.
+
+    Values that differ from the defaults take precedence. The smallest patch counts.
+
+    Args:
+        config: Assumptions of the measures.
+        hand: Description of the hand.
+    """
+    radii, default = hand.patch_radii[hand.patch_radii > 0], MeasuresConfig()
+    if not len(radii):
+        return config
+    model, torsional = config.contact_model, config.torsional_friction
+    if model == default.contact_model:
+        model = "soft_finger"
+    if torsional == default.torsional_friction:
+        torsional = float(np.min(torsional_friction_of(config.friction, radii)))
+    return replace(config, contact_model=model, torsional_friction=torsional)

@@ -3,11 +3,17 @@
 A description adds to a model file what the model does not contain; docs/own_hand.md has an example.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.limits_config import ReachConfig, SectorReach
 from drake_pregrasp.config.object_config import POINT, zeros
+from drake_pregrasp.contacts.contact_pairs import Pair
 from drake_pregrasp.geometry.box_surface import BOX_FACES
+from drake_pregrasp.grasping.grasp_state import GraspSettings
 
 _ANGLE = {"at_least": -10, "at_most": 10}
 
@@ -105,6 +111,10 @@ class Fingertip:
     # Radius of the fingertip, in metres.
     radius: float = field(default=0.01, metadata={"required": True, "above": 0, "at_most": 0.1})
 
+    # Radius of the patch in which a soft, flat fingertip touches, in metres: that of a round pad.
+    # Friction then resists turns about the normal as well. 0: a hard fingertip touches at a point.
+    patch_radius: float = field(default=0.0, metadata={"at_least": 0, "at_most": 0.1})
+
     # Home positions of the joints that move only this fingertip, in the order of the model, in
     # radians (or metres).
     home: list[float] = field(default_factory=list, metadata={"required": True, **_ANGLE})
@@ -129,6 +139,15 @@ class Fingertip:
             return self
         x, y, z = self.reach.center
         return replace(self, reach=replace(self.reach, center=[x, y, z + height]))
+
+
+def least_fingers(fingertips: Sequence[Fingertip]) -> int:
+    """Returns the least number of fingers that can hold an object.
+
+    Two hard fingers do not resist a moment about the line through them. Two suffice if a fingertip
+    is soft.
+    """
+    return 2 if any(tip.patch_radius > 0 for tip in fingertips) else GraspSettings.least_fingers
 
 
 @dataclass
@@ -189,6 +208,21 @@ class HandDescription:
 
     # Joints that are replaced by fixed ones, such as those of a wrist under a carrier.
     locked: list[LockedJoint] = field(default_factory=list)
+
+    @property
+    def patch_radii(self) -> FloatArray:
+        """Radii of the patches of soft fingertips, 0 for hard ones, shape (n,), in metres."""
+        return np.array([tip.patch_radius for tip in self.fingertips])
+
+    @property
+    def jaws(self) -> list[Pair]:
+        """Pairs of contacts that must be opposite each other.
+
+        Two fingers with one joint each are the jaws of a parallel gripper: their contacts are on a
+        line along which both jaws move.
+        """
+        jaws = [index for index, tip in enumerate(self.fingertips) if len(tip.home) == 1]
+        return [Pair(*jaws)] if len(jaws) == 2 else []
 
     @property
     def palm_height(self) -> float:

@@ -6,7 +6,8 @@ import numpy as np
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.object_config import POINT, BoxFields, zeros
-from drake_pregrasp.contacts.goal_limits import ContactLimits, Pair
+from drake_pregrasp.contacts.contact_pairs import Pair
+from drake_pregrasp.contacts.goal_limits import ContactLimits
 from drake_pregrasp.contacts.quality_guard import GUARDS, guard_measure
 from drake_pregrasp.contacts.reassignment import ReassignmentRule
 from drake_pregrasp.errors import InvalidArgumentError
@@ -145,7 +146,7 @@ class LimitsConfig:
         default_factory=list, metadata={"elements": {"one_of": BOX_FACES}}
     )
 
-    # Pairs of contacts at a fixed distance.
+    # Pairs of contacts at a fixed distance, or opposite each other.
     pairs: list[Pair] = field(default_factory=list)
 
     # Qualities that no step may reduce: measures of the complete grasp matrix, and the

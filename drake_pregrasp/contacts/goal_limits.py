@@ -1,11 +1,12 @@
 """Limits and coupling of contact goals from one tick to the next, and which goals are active."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, norms
+from drake_pregrasp.contacts.contact_pairs import Pair, groups_of
 from drake_pregrasp.contacts.quality_guard import Measure, keep_quality
 from drake_pregrasp.contacts.selection_input import ContactGoals, ContactStatus, SelectionInput
 from drake_pregrasp.errors import InvalidArgumentError
@@ -20,27 +21,6 @@ _HALVINGS = 12  # Times that a step is halved if it comes out too long; then it 
 _ROUNDS = 40  # Largest number of projections that bring a pair to its distance.
 
 
-@dataclass
-class Pair:
-    """Two contacts of one finger at a fixed distance, such as its tip and the joint before it."""
-
-    # Index of the contact that moves freely.
-    first: int = field(default=0, metadata={"required": True, "at_least": 0})
-
-    # Index of the contact that follows it.
-    second: int = field(default=0, metadata={"required": True, "at_least": 0})
-
-    # Distance between the two contacts, in metres.
-    distance: float = field(default=0.0, metadata={"required": True, "above": 0, "at_most": 10})
-
-    # Largest error of the distance, in metres.
-    tolerance: float = field(default=0.0005, metadata={"at_least": 1e-5, "at_most": 1})
-
-    def error(self, p_OC: FloatArray) -> float:
-        """Returns the error of the distance, in metres."""
-        return abs(float(np.linalg.norm(p_OC[self.first] - p_OC[self.second])) - self.distance)
-
-
 @dataclass(frozen=True)
 class ContactLimits:
     """Limits on the motion of goals; none by default.
@@ -48,7 +28,7 @@ class ContactLimits:
     Attributes:
         max_step: Longest step of a goal over the object in one tick, in metres.
         deadband: Distance below which a goal does not move, in metres.
-        pairs: Pairs of contacts that keep a distance.
+        pairs: Pairs of contacts that keep a distance, or are opposite each other.
         recover: Whether a contact whose region is empty moves to the nearest permitted candidate.
         guard: Measures of the grasp that no step may make worse.
     """
@@ -67,13 +47,6 @@ class ContactLimits:
         contacts = [contact for pair in self.pairs for contact in (pair.first, pair.second)]
         if len(set(contacts)) < len(contacts):
             raise InvalidArgumentError(f"a contact is in two pairs: {contacts}")
-
-
-def groups_of(pairs: Sequence[Pair], num_contacts: int) -> list[list[int]]:
-    """Returns the contacts that move together: the pairs, then each other contact alone."""
-    together = [[pair.first, pair.second] for pair in pairs]
-    paired = {contact for pair in together for contact in pair}
-    return together + [[contact] for contact in range(num_contacts) if contact not in paired]
 
 
 def steps_toward(
@@ -113,9 +86,9 @@ def steps_toward(
 def follow_pairs(
     selection: SelectionInput, goals: FloatArray, pairs: Sequence[Pair], max_step: float
 ) -> FloatArray:
-    """Moves the second contact of each pair, in its own region, to its distance from the first.
+    """Moves the second contact of each pair, in its own region, to its place beside the first.
 
-    A pair stays if its distance is neither met nor closer to being met than before.
+    A pair stays if the second contact neither reaches its place nor comes closer to it than before.
 
     Args:
         selection: Surface, contacts and regions of this tick.
@@ -123,20 +96,20 @@ def follow_pairs(
         pairs: The pairs.
         max_step: Longest step, in metres.
     """
-    p_OC, p_OC_before = goals.copy(), selection.p_OC
+    p_OC, p_OC_before, surface = goals.copy(), selection.p_OC, selection.surface
+    normals = surface.project(p_OC)[1]
+    normals_before = surface.project(p_OC_before)[1]
     for pair in pairs:
-        members = selection.regions.members(pair.second)
-        first, before = p_OC[pair.first], p_OC_before[pair.second]
+        a, b = both = [pair.first, pair.second]
+        members = selection.regions.members(b)
         for _ in range(_ROUNDS if len(members) else 0):
-            if pair.error(p_OC) <= pair.tolerance / 2:
+            if pair.error(p_OC, normals) <= pair.tolerance / 2:
                 break
-            away = p_OC[pair.second] - first
-            point = first + pair.distance * away / max(float(np.linalg.norm(away)), 1e-12)
-            p_OC[pair.second] = selection.surface.project_into(point[None], [members])[0][0]
-        allowed = max(pair.tolerance, pair.error(p_OC_before))
-        too_far = np.linalg.norm(p_OC[pair.second] - before) > max_step * (1 + ROUNDING)
-        if pair.error(p_OC) > allowed or too_far:
-            both = [pair.first, pair.second]
+            place = pair.place(p_OC[a], normals[a], p_OC[b], normals[b])
+            p_OC[[b]], normals[[b]] = surface.project_into(place[None], [members])
+        allowed = max(pair.tolerance, pair.error(p_OC_before, normals_before))
+        too_far = np.linalg.norm(p_OC[b] - p_OC_before[b]) > max_step * (1 + ROUNDING)
+        if pair.error(p_OC, normals) > allowed or too_far:
             p_OC[both] = p_OC_before[both]
     return p_OC
 
@@ -238,10 +211,10 @@ def limited_goals(
         goals = steps_toward(surface, p_OC, goals, limits.max_step)
     if pairs:
         goals = follow_pairs(selection, goals, pairs, limits.max_step)
-    guarded = may_stay.copy()
-    for pair in pairs:  # If one of them has to move, or both to their distance, both may.
+    guarded, normals = may_stay.copy(), surface.project(p_OC)[1] if pairs else p_OC
+    for pair in pairs:  # If one of them has to move, or the second to its place, both may.
         both = [pair.first, pair.second]
-        guarded[both] &= np.all(may_stay[both]) and pair.error(p_OC) <= pair.tolerance
+        guarded[both] &= np.all(may_stay[both]) and pair.error(p_OC, normals) <= pair.tolerance
     if limits.guard is not None:
         groups = groups_of(pairs, len(goals))
         goals = keep_quality(selection, goals, guarded, limits.guard, groups)
@@ -354,8 +327,10 @@ def judged_goals(
             meets = np.flatnonzero(overlap[contact, :contact] & active[:contact])
             if len(meets):
                 active[contact], limits[contact], causes[contact] = False, Limit.CROWDED, meets[0]
+    normals = selection.surface.project(goals)[1] if contact_limits.pairs else goals
     for pair in contact_limits.pairs:
-        if active[pair.first] and active[pair.second] and pair.error(goals) > pair.tolerance:
+        is_off = pair.error(goals, normals) > pair.tolerance
+        if active[pair.first] and active[pair.second] and is_off:
             for contact, partner in ((pair.first, pair.second), (pair.second, pair.first)):
                 limits[contact], causes[contact] = Limit.PARTNER, partner
     status: FloatArray = _STATUS[active.astype(np.int64), limits]

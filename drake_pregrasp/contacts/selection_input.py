@@ -27,7 +27,7 @@ class ContactStatus(IntEnum):
         OUT_OF_REACH, HARDLY_IN_REACH: Reach of the finger.
         OBSTRUCTED, NEARLY_OBSTRUCTED: An obstacle, which is the cause.
         BEHIND_WALL, NEARLY_BEHIND_WALL: The candidates nearby are on the other side of a wall.
-        APART_FROM_PARTNER: The goal is not at its distance from the coupled contact, the cause.
+        APART_FROM_PARTNER: The goal is off its place beside the coupled contact, the cause.
     """
 
     LOST = -1
@@ -81,7 +81,7 @@ _DESCRIPTIONS = {
     ContactStatus.NEARLY_OBSTRUCTED: "nearly obstructed by {obstacle}",
     ContactStatus.BEHIND_WALL: "behind a wall",
     ContactStatus.NEARLY_BEHIND_WALL: "nearly behind a wall",
-    ContactStatus.APART_FROM_PARTNER: "not at its distance from contact {}",
+    ContactStatus.APART_FROM_PARTNER: "off its place beside contact {}",
 }
 
 

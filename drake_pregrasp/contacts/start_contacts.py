@@ -1,19 +1,26 @@
 """Start contacts of a hand: the fingers, their places and the palm's yaw by force closure."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+import math
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
-from drake_pregrasp.contacts.assignment import FREE_TURN, palm_turn
+from drake_pregrasp.contacts.assignment import palm_turn
+from drake_pregrasp.contacts.contact_pairs import OppositePoints, Pair
+from drake_pregrasp.contacts.hand_over_object import HandOverObject, StartContacts
 from drake_pregrasp.errors import Lack, NoGraspError
 from drake_pregrasp.geometry.mesh_surface import INTRUSION, mean_slopes
 from drake_pregrasp.geometry.solids import SignedDistance
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.quality.force_closure import largest_load, min_weight_margin
+from drake_pregrasp.quality.force_closure import (
+    largest_load,
+    min_weight_margin,
+    torsional_friction_of,
+)
 from drake_pregrasp.quality.margin_bounds import moved_least_norm_margin
-from drake_pregrasp.regions.constraints import ALONG, OPPOSITE, Limit, RegionConstraints
+from drake_pregrasp.regions.constraints import ALONG, OPPOSITE, Limit
 
 _YAWS = 24  # Yaws of the palm that are tried in a full turn.
 _COARSE, _FINE = 300, 3000  # Largest numbers of candidates, for all yaws and for the best ones.
@@ -36,66 +43,6 @@ _ENOUGH = 1.1  # Strength for the object's weight at which fingers that hold too
 _AWAY = -1  # Candidate of a finger that stays away.
 _DIGITS = 6  # Decimals of compared values: rounding must not choose between equal ones.
 _TIE = 10.0**-_DIGITS
-
-
-@dataclass(frozen=True, eq=False)
-class HandOverObject:
-    """A hand with its palm over an object, as far as its start contacts depend on it.
-
-    Attributes:
-        constraints_at: Function from a yaw of the palm, in radians, to the constraints of the
-            contacts in O, with fingertips.
-        p_OT_at: Function from a yaw to the fingertips at home in O, shape (n, 3), in metres.
-        azimuths: Azimuths of the fingers about the palm's axis at yaw 0, shape (n,), in radians.
-        R_AO: Orientation of the object in the frame A of the approach. The palm's axis is z of A.
-        wrench: Weight of the object: force in N and torque about the centre of mass in N m, in O,
-            shape (6,).
-        friction: Coulomb's coefficient.
-        normal_forces: Smallest and largest normal force of each finger, shape (2, n), in newtons.
-        yaw: Yaw of the palm, in radians; of equal grasps, the nearest one is chosen.
-        yaw_range: Smallest and largest yaw of the palm, in radians.
-        least_fingers: Smallest number of fingers of a grasp.
-        holds_palm: Function that tells whether the hand can hold its palm at a yaw.
-        p_AO: Position of the object's origin in A, shape (3,), in metres.
-        in_workspace: Function from a yaw and centres of each fingertip in O, shape (n, k, 3), to
-            the mask of those that its joints reach, shape (n, k).
-        clearance_weight: Factor of the costs of places at the edge of reach, and under parts of the
-            object.
-    """
-
-    constraints_at: Callable[[float], RegionConstraints]
-    p_OT_at: Callable[[float], FloatArray]
-    azimuths: FloatArray
-    R_AO: FloatArray
-    wrench: FloatArray
-    friction: float
-    normal_forces: FloatArray
-    yaw: float = 0.0
-    yaw_range: tuple[float, float] = FREE_TURN
-    least_fingers: int = 3
-    holds_palm: Callable[[float], bool] = lambda yaw: True
-    p_AO: FloatArray = field(default_factory=lambda: np.zeros(3))
-    in_workspace: Callable[[float, FloatArray], BoolArray] = lambda _, p: np.full(p.shape[:2], True)
-    clearance_weight: float = 1.0
-
-
-@dataclass(frozen=True, eq=False)
-class StartContacts:
-    """Start contacts of a hand.
-
-    Attributes:
-        p_OC: Contacts in O, in the order of the fingers, shape (n, 3), in metres.
-        has_contact: Mask of the fingers that take part, shape (n,); the others stay away.
-        yaw: Yaw of the palm, in radians.
-        margin: Min-weight margin of force closure of the fingers that take part.
-        score: What the choice maximizes: the margin, with strength, fingers and comfort.
-    """
-
-    p_OC: FloatArray
-    has_contact: BoolArray
-    yaw: float
-    margin: float
-    score: float
 
 
 def choose_start_contacts(
@@ -183,6 +130,8 @@ class _Search:
         self._p, self._normals = surface.p_OQ[index], surface.nhat_OQ[index]
         self._p_OCoM, self._up = surface.p_OCoM, hand.R_AO[2]
         self._arms = self._p - self._p_OCoM
+        between = math.sqrt(surface.mesh.area / max(1, len(index)))  # Distance of neighbours.
+        self._points = OppositePoints(self._p, self._normals, between / 2)
         self._ways = [  # Centres of fingertips at the contact, half-way to the standoff, and there.
             self._p + (limits.tip_radii[:, None, None] + share * limits.standoff) * self._normals
             for share in ALONG
@@ -246,6 +195,10 @@ class _Search:
         fingers, assigned = np.arange(self._n), np.full(self._n, _AWAY)
         if before is not None:
             assigned = np.where(free[fingers, before], before, _AWAY)
+        for pair in self._hand.pairs:
+            both = [pair.first, pair.second]
+            if np.any(assigned[both] == _AWAY):
+                assigned[both] = self._opposite(pair, free, discomforts)
         for finger in np.argsort(np.sum(free, axis=1), kind="stable").tolist():
             choices = np.flatnonzero(free[finger] & self._has_room(finger, assigned))
             if assigned[finger] == _AWAY and len(choices):
@@ -266,8 +219,28 @@ class _Search:
                 break
         return _Trial(yaw, assigned, bound + _FINGER * len(assigned_fingers))
 
+    def _opposite(self, pair: Pair, free: BoolArray, discomforts: FloatArray) -> IntArray:
+        """Returns the best candidates of a pair, which are opposite each other, or `_AWAY`, (2,).
+
+        Args:
+            pair: The pair.
+            free: Mask of the candidates that each finger may have, shape (n, K).
+            discomforts: Cost of each candidate, shape (n, K).
+        """
+        a, b = np.flatnonzero(free[pair.first]), np.flatnonzero(free[pair.second])
+        off, width = self._points.errors(pair, a[:, None], b)
+        # Pads touch at the angle off/width, as at a slope of the surface.
+        costs = discomforts[pair.first, a, None] + discomforts[pair.second, b] + _FLAT * off / width
+        if not np.any(costs < np.inf):
+            return np.full(2, _AWAY)
+        best = int(np.argmax(costs <= np.min(costs) + _TIE))
+        return np.array([a[best // len(b)], b[best % len(b)]])
+
     def _has_room(self, finger: int, assigned: IntArray) -> BoolArray:
-        """Returns the mask of candidates with room beside the other fingertips, shape (K,)."""
+        """Returns the mask of candidates with room beside the other fingertips, shape (K,).
+
+        A finger of a pair has room only opposite the other one.
+        """
         room = np.ones(len(self._p), dtype=bool)
         for other in np.flatnonzero(assigned != _AWAY).tolist():
             if other != finger:
@@ -276,16 +249,23 @@ class _Search:
                 room &= np.linalg.norm(away, axis=1) > least
                 is_apart = np.linalg.norm(self._p - self._p[candidate], axis=1) > least
                 room &= is_apart | (self._normals @ self._normals[candidate] < OPPOSITE)
+        for pair in self._hand.pairs:
+            partner = {pair.first: pair.second, pair.second: pair.first}.get(finger, finger)
+            if partner != finger and assigned[partner] != _AWAY:
+                everywhere = np.arange(len(self._p))
+                room &= self._points.errors(pair, assigned[partner], everywhere)[0] < np.inf
         return room
 
     def _bounds(self, finger: int, assigned: IntArray, choices: IntArray) -> FloatArray:
         """Returns bounds of the margin with a finger at each choice, in [-1, 1], shape (k,)."""
         assigned_fingers = np.flatnonzero(assigned != _AWAY)
+        cones, model = self._cones(assigned)
         bounds = moved_least_norm_margin(
-            *self._cones(assigned[assigned_fingers]),
+            *cones,
             moved=int(np.searchsorted(assigned_fingers, finger)),
             p_CoMQ=self._arms[choices],
             nhat_Q=self._normals[choices],
+            **model,
         )
         # A negative bound b becomes b/(1 - b), as in the strategy `margin`.
         return np.where(bounds >= 0, bounds, 1 / (1 - np.minimum(bounds, 0)) - 1)
@@ -354,18 +334,25 @@ class _Search:
         return self._judged(strong) or trial
 
     def _load(self, assigned: IntArray) -> float:
-        fingers = np.flatnonzero(assigned != _AWAY)
-        return largest_load(
-            *self._cones(assigned[fingers]),
-            wrench=self._hand.wrench,
-            normal_forces=self._hand.normal_forces[:, fingers],
-        )
+        cones, model = self._cones(assigned)
+        forces = self._hand.normal_forces[:, assigned != _AWAY]
+        return largest_load(*cones, wrench=self._hand.wrench, normal_forces=forces, **model)
 
     def _margin(self, assigned: IntArray) -> float:
-        return min_weight_margin(*self._cones(assigned[assigned != _AWAY]))
+        cones, model = self._cones(assigned)
+        return min_weight_margin(*cones, **model)
 
-    def _cones(self, taken: IntArray) -> tuple[FloatArray, FloatArray, float]:
-        return self._arms[taken], self._normals[taken], self._hand.friction
+    def _cones(
+        self, assigned: IntArray
+    ) -> tuple[tuple[FloatArray, FloatArray, float], dict[str, Any]]:
+        """Returns lever arms, normals and friction of the assigned fingers, and their model."""
+        fingers, friction = assigned != _AWAY, self._hand.friction
+        cones = self._arms[assigned[fingers]], self._normals[assigned[fingers]], friction
+        radii = np.zeros(self._n) if self._hand.patch_radii is None else self._hand.patch_radii
+        if not np.any(radii[fingers] > 0):
+            return cones, {"model": "hard_finger"}
+        torsional = torsional_friction_of(friction, radii[fingers])
+        return cones, {"model": "soft_finger", "torsional_friction": torsional}
 
     def contacts_of(self, trial: _Trial) -> StartContacts:
         """Returns the contacts of a trial."""
@@ -375,6 +362,11 @@ class _Search:
     def lack(self) -> NoGraspError:
         """Returns what is missing, if there is no grasp."""
         least, friction = self._hand.least_fingers, self._hand.friction
+        widths = [self._points.least_width(pair, self._up) for pair in self._hand.pairs]
+        if (widest := self._hand.opening) < (width := max(widths, default=0.0)) < np.inf:
+            detail = f"the jaws open {1e3 * widest:.3g} mm between their standoffs; the narrowest"
+            detail = f"{detail} place between opposite sides is {1e3 * width:.3g} mm wide"
+            return NoGraspError(Lack.OPENING, detail)
         limits = [self.limits_at(yaw) for yaw in self.yaws()]
         opposite = (self._normals @ self._normals.T < OPPOSITE).astype(np.float32)
 

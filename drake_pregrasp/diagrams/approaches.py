@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import ABOVE, SIDE, GraspConfig
-from drake_pregrasp.contacts.start_contacts import StartContacts
+from drake_pregrasp.contacts.hand_over_object import StartContacts
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.clearances import LINK_CLEARANCE

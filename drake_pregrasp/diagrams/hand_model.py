@@ -27,6 +27,7 @@ from drake_pregrasp.systems.hand_scene import HandScene, link_balls
 from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 
 _TWO_TURNS = 4 * np.pi
+_DIRECTIONS = 3  # Number of joints that move a fingertip in all directions.
 _LARGEST_STEP = 0.012  # Largest distance to another place that a finger reaches, in metres.
 
 
@@ -191,11 +192,16 @@ class HandModel:
     def in_workspace(self, p_HT: FloatArray) -> BoolArray:
         """Returns the mask of places of each fingertip that its joints reach, shape (n, k).
 
+        Fingers with fewer than three joints reach the places on a line or a surface. The carrier
+        brings it to places beside, so only the way along the joints' directions at home counts.
+
         Args:
             p_HT: Centres of each fingertip in A at yaw 0, shape (n, k, 3), in metres.
         """
-        near = zip(self.workspaces, self._steps, p_HT, strict=True)
-        return np.array([tree.query(places)[0] <= step for tree, step, places in near])
+        near = zip(self.workspaces, self._steps, self.finger_chains, p_HT, strict=True)
+        return np.array(
+            [tree.query(chain.along(places))[0] <= step for tree, step, chain, places in near]
+        )
 
     @cached_property
     def _steps(self) -> list[float]:
@@ -206,6 +212,18 @@ class HandModel:
     def workspaces(self) -> list[cKDTree]:
         """Places of each fingertip over the object, at evenly drawn positions of its joints."""
         return [cKDTree(finger.tips(finger.samples())[0]) for finger in self.finger_chains]
+
+    @property
+    def opening(self) -> float:
+        """Largest distance of contacts between jaws, in metres; infinite without jaws."""
+        widths = [np.inf]
+        for pair in self.description.jaws:
+            both = [pair.first, pair.second]
+            line = np.subtract(*self.p_HT[both])
+            line /= np.linalg.norm(line)
+            first, second = (self.workspaces[i].data @ line for i in both)
+            widths.append(np.max(first) - np.min(second) - np.sum(self.tip_radii[both]))
+        return float(min(widths))
 
     @cached_property
     def finger_chains(self) -> list[FingerChain]:
@@ -282,6 +300,11 @@ class HandModel:
         left[self.base.joints] = False
         for index, tip in enumerate(self.description.fingertips):
             own = kinematics.own_joints(index)
+            if len(own) < _DIRECTIONS and self.base.palm_frame:
+                raise InvalidArgumentError(
+                    f"fingertips[{index}]: {tip.frame} has {len(own)} joints of its own; on an !Arm"
+                    f" it needs {_DIRECTIONS}, because only a !Carrier follows the fingertips"
+                )
             lower, upper = kinematics.lower[own], kinematics.upper[own]
             check_home(f"fingertips[{index}].home", names[own].tolist(), tip.home, lower, upper)
             home[own], left[own] = tip.home, False

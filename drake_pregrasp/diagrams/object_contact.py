@@ -7,6 +7,7 @@ import trimesh
 from pydrake.geometry import (
     AddCompliantHydroelasticProperties,
     CollisionFilterDeclaration,
+    Cylinder,
     GeometryId,
     GeometrySet,
     Mesh,
@@ -31,7 +32,9 @@ _FILLED = 1.05  # Volume of a convex hull over that of an object whose hollows i
 def separate_contacts(
     plant: MultibodyPlant, scene_graph: SceneGraph, body: RigidBody, *, is_convex: bool
 ) -> None:
-    """Lets spheres touch the mesh of an object, and the rest its hull.
+    """Lets spheres and compliant cylinders, such as pads, touch the mesh of an object.
+
+    The rest touches its hull.
 
     Links without hydroelastic properties have points of contact with the hull if the object is
     convex. Otherwise they become compliant and touch the mesh. Geometries that are separated
@@ -55,13 +58,15 @@ def separate_contacts(
         if any(inspector.CollisionFiltered(own, geometry) for own in (hull, surface)):
             continue
         properties = ProximityProperties(inspector.GetProximityProperties(geometry))
-        is_point = not _is_hydroelastic(properties)
+        is_point, kind = not _is_hydroelastic(properties), inspector.GetShape(geometry)
+        is_ball = isinstance(kind, Sphere) and not is_point
+        is_pad = isinstance(kind, Cylinder) and _is_compliant(properties)
         if is_point and not is_convex:
             AddCompliantHydroelasticProperties(_LINK_RESOLUTION, _LINK_MODULUS, properties)
             source = plant.get_source_id()
             scene_graph.AssignRole(source, geometry, properties, RoleAssign.kReplace)
             fine.append(geometry)
-        elif not is_point and isinstance(inspector.GetShape(geometry), Sphere):
+        elif is_ball or is_pad:
             fine.append(geometry)
         else:
             flat.append(geometry)

@@ -8,21 +8,17 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig, hand_limits
-from drake_pregrasp.config.hand_description import HandDescription
+from drake_pregrasp.config.hand_description import HandDescription, least_fingers
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.contacts.assignment import assign_fingers_round, make_room, palm_turn
-from drake_pregrasp.contacts.start_contacts import (
-    HandOverObject,
-    StartContacts,
-    choose_start_contacts,
-)
+from drake_pregrasp.contacts.hand_over_object import HandOverObject, StartContacts
+from drake_pregrasp.contacts.start_contacts import choose_start_contacts
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.clearances import LINK_CLEARANCE
-from drake_pregrasp.grasping.grasp_state import GraspSettings
 from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
 from drake_pregrasp.regions.finger_measures import FingerMeasures
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
@@ -127,7 +123,10 @@ def start_contacts_of(
             friction=config.planned_friction,
             normal_forces=np.array(np.broadcast_arrays(forces.least_force, forces.largest_force)),
             yaw_range=yaw_range,
-            least_fingers=GraspSettings.least_fingers,
+            least_fingers=forces.least_fingers,
+            patch_radii=hand.description.patch_radii,
+            pairs=tuple(limits.pairs),
+            opening=hand.opening - 2 * config.standoff,
             holds_palm=lambda yaw: _holds_palm(hand, config, poses, p_OCoM, yaw),
             in_workspace=lambda yaw, p_OT: hand.in_workspace((p_OT - p_OA) @ R_OA @ _turned(yaw)),
             clearance_weight=float(
@@ -215,6 +214,9 @@ def grasp_problems(
         yield "plant_config.time_step", problem
     if ahead := planner.estimator.lookahead:
         yield "planner.estimator.lookahead", f"{ahead} must be 0: a hand looks ahead itself"
+    if (count := len(hand.fingertips)) < least_fingers(hand.fingertips):
+        problem = f"{count} hard fingertips do not resist a moment about the line through them"
+        yield "hand.file", f"{problem}; flat ones need a patch_radius, or the hand a third finger"
     largest = np.min(config.make_settings(hand.fingertips).largest_force)
     if config.least_force > largest:
         problem = f"{config.least_force} must be at most {largest}, the largest force"
@@ -251,7 +253,7 @@ def check_room(hand: HandDescription, has_room: BoolArray) -> None:
     Raises:
         InvalidArgumentError: If too few do; the message names the others.
     """
-    there, least = int(np.sum(has_room)), GraspSettings.least_fingers
+    there, least = int(np.sum(has_room)), least_fingers(hand.fingertips)
     away = [tip.frame for tip, room in zip(hand.fingertips, has_room, strict=True) if not room]
     if away and there < least:
         problem = f"only {there} fingers reach it and have room, {least} are needed"

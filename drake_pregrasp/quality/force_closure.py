@@ -35,9 +35,24 @@ FRICTION = 0.7
 TORSIONAL_FRICTION = 0.004
 """Largest moment about the normal of a soft finger per newton of normal force, in metres.
 
-It is 3 pi/16 times friction times the patch's radius (Johnson, Contact Mechanics, 1985, for a
-Hertzian patch that turns as a whole): 4 mm for a patch of radius 10 mm with friction 0.7.
+It is that of `torsional_friction_of` for a patch of radius 10 mm with friction 0.7.
 """
+
+
+def torsional_friction_of(friction: float, patch_radius: FloatArray) -> FloatArray:
+    """Returns the largest moments about the normal per newton of normal force, in metres.
+
+    It is 3 pi/16 times friction times the radius for a Hertzian patch that turns as a whole
+    (Johnson, Contact Mechanics, 1985; Ciocarlie, Lackner & Allen, World Haptics 2007). An even
+    pressure, as under a flat pad, allows 2/3 instead of 3 pi/16, and an even pressure along a line,
+    as where the pad touches a cylinder, 1/2.
+
+    Args:
+        friction: Coulomb's coefficient.
+        patch_radius: Radii of the patches in metres, of any shape; 0 for a hard finger.
+    """
+    return np.asarray(3 * np.pi / 16 * friction * np.asarray(patch_radius))
+
 
 _RANK_TOLERANCE = 1e-9  # Of singular values, relative to the largest.
 _ACCURACY = 1e-10  # Of the solver: absolute and relative gap, and infeasibility.
@@ -56,7 +71,7 @@ def min_weight_margin(
     friction: float,
     *,
     model: str = "hard_finger",
-    torsional_friction: float = TORSIONAL_FRICTION,
+    torsional_friction: float | FloatArray = TORSIONAL_FRICTION,
     solve: LargestMinimum | None = None,
 ) -> float:
     """Returns the normalised min-weight margin of a grasp, in [0, 1].
@@ -73,7 +88,8 @@ def min_weight_margin(
         nhat: Outward unit normals at the contacts, in the same frame, shape (n, 3).
         friction: Coulomb's coefficient.
         model: One of `CONE_MODELS`.
-        torsional_friction: Torsional friction of the soft finger, in metres.
+        torsional_friction: Torsional friction of the soft fingers, a scalar or of shape (n,), in
+            metres.
         solve: Implementation of `largest_minimum`.
 
     Raises:
@@ -205,8 +221,10 @@ def largest_load(
     *,
     wrench: FloatArray,
     normal_forces: FloatArray,
+    model: str = "hard_finger",
+    torsional_friction: float | FloatArray = TORSIONAL_FRICTION,
 ) -> float:
-    """Returns the largest multiple of a wrench on the object that hard fingers balance.
+    """Returns the largest multiple of a wrench on the object that fingers balance.
 
     It is 0 if the fingers do not even balance each other, and at most `LARGEST_LOAD`.
 
@@ -216,18 +234,22 @@ def largest_load(
         friction: Coulomb's coefficient.
         wrench: Force in N and torque about the centre of mass in N m, shape (6,).
         normal_forces: Smallest and largest normal force of each contact, shape (2, n), in N.
+        model: One of `CONE_MODELS`.
+        torsional_friction: Torsional friction of the soft fingers, a scalar or of shape (n,), in
+            metres.
     """
-    B, n = friction_cones(p_CoMC, nhat, friction, "hard_finger", 0.0), len(nhat)
+    B = friction_cones(p_CoMC, nhat, friction, model, torsional_friction)
+    n, _, k = B.shape
     unit = float(np.max(normal_forces))
     least, most = normal_forces / unit
     # Forces g in this unit and the multiple are sums of the columns of Z, which balance.
-    balance = np.hstack([B.transpose(1, 0, 2).reshape(6, 3 * n), wrench[:, None] / unit])
+    balance = np.hstack([B.transpose(1, 0, 2).reshape(6, k * n), wrench[:, None] / unit])
     balance[3:] /= longest_arm(p_CoMC)
     Z = null_space(balance, rcond=_RANK_TOLERANCE)
     forces, multiple = Z[:-1], Z[-1:]
-    A = np.vstack([forces[::3], -forces[::3], multiple, -multiple, -forces])
-    b = np.concatenate([most, -least, [LARGEST_LOAD, 0.0], np.zeros(3 * n)])
-    cones = [clarabel.NonnegativeConeT(2 * n + 2), *_cones(n, 3)]
+    A = np.vstack([forces[::k], -forces[::k], multiple, -multiple, -forces])
+    b = np.concatenate([most, -least, [LARGEST_LOAD, 0.0], np.zeros(k * n)])
+    cones = [clarabel.NonnegativeConeT(2 * n + 2), *_cones(n, k)]
     found = _minimum(-multiple[0], A, b, cones)
     return 0.0 if found is None else max(0.0, -found[0])
 
@@ -237,7 +259,7 @@ def friction_cones(
     nhat: FloatArray,
     friction: float,
     model: str,
-    torsional_friction: float,
+    torsional_friction: float | FloatArray,
 ) -> FloatArray:
     """Returns B_i, whose columns are the wrenches of the components of g_i, shape (..., 6, k).
 
@@ -249,7 +271,8 @@ def friction_cones(
         nhat: Outward unit normals, shape (..., 3).
         friction: Coulomb's coefficient.
         model: One of `CONE_MODELS`.
-        torsional_friction: Torsional friction of the soft finger, in metres.
+        torsional_friction: Torsional friction of the soft fingers, in metres, a scalar or of the
+            shape of the contacts, (...); a finger whose value is 0 is hard.
 
     Returns:
         The wrenches, force rows first, torques in N m per newton.
@@ -262,11 +285,11 @@ def friction_cones(
             f"no contact model with a friction cone {model!r}; there are: {', '.join(CONE_MODELS)}"
         )
     for name, value in (("friction", friction), ("torsional_friction", torsional_friction)):
-        if not value >= 0:
+        if not np.all(np.asarray(value) >= 0):
             raise InvalidArgumentError(f"{name} must be at least 0, not {value}")
     B = contact_blocks(p_CoMC, nhat, model)
     B[..., 1:3] *= friction
-    B[..., 3:] *= torsional_friction
+    B[..., 3:] *= np.asarray(torsional_friction)[..., None, None]
     return B
 
 

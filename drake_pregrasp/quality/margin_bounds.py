@@ -50,7 +50,7 @@ def moved_least_norm_margin(
     p_CoMQ: FloatArray,
     nhat_Q: FloatArray,
     model: str = "hard_finger",
-    torsional_friction: float = TORSIONAL_FRICTION,
+    torsional_friction: float | FloatArray = TORSIONAL_FRICTION,
 ) -> FloatArray:
     """Returns `least_norm_margin` of a grasp with one contact at each of N places, shape (N,).
 
@@ -62,15 +62,16 @@ def moved_least_norm_margin(
         p_CoMQ: Lever arms of the places, shape (N, 3), in metres.
         nhat_Q: Outward unit normals at the places, shape (N, 3).
         model: One of `CONE_MODELS`.
-        torsional_friction: Torsional friction of the soft finger, in metres.
+        torsional_friction: Torsional friction of the soft fingers, a scalar or of shape (n,), in
+            metres.
 
     Raises:
         InvalidArgumentError: If there is no such model, or a coefficient is below 0.
     """
     arm = max(longest_arm(p_CoMC), longest_arm(p_CoMQ))
-    cones = friction, model, torsional_friction
-    others = np.delete(balance_blocks(p_CoMC, nhat, *cones, arm), moved, axis=2)
-    P_Q = balance_blocks(p_CoMQ, nhat_Q, *cones, arm)
+    cones, own = (friction, model), np.broadcast_to(torsional_friction, len(p_CoMC))
+    others = np.delete(balance_blocks(p_CoMC, nhat, *cones, own, arm), moved, axis=2)
+    P_Q = balance_blocks(p_CoMQ, nhat_Q, *cones, own[moved], arm)
     y, spans = _solve(np.sum(_grams(others), axis=2)[:, :, None] + _grams(P_Q))
     least = np.min(_cone_margins(others[..., None], y[:, None, None]), axis=0, initial=np.inf)
     least = np.minimum(least, _cone_margins(P_Q, y[:, None]))
@@ -88,7 +89,7 @@ def balance_blocks(
     nhat: FloatArray,
     friction: float,
     model: str,
-    torsional_friction: float,
+    torsional_friction: float | FloatArray,
     arm: float,
 ) -> FloatArray:
     """Returns P_i, shape (7, k, n, ...), of contacts (..., n, 3); torques are divided by an arm."""

@@ -48,8 +48,8 @@ class Limit(IntEnum):
     WALL = 5
     """The candidates near the contact are on the other side of a wall."""
     PARTNER = 6
-    """The distance to the coupled contact, which is the cause, is not met. It limits the goal and
-    not the region."""
+    """The contact is off its place beside the coupled contact, which is the cause. It limits the
+    goal and not the region."""
 
 
 @dataclass(frozen=True, eq=False)

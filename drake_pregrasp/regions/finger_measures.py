@@ -79,6 +79,21 @@ class FingerChain:
         J = [speed + np.cross(axis, p_UT) for axis, speed in zip(axes, speeds, strict=True)]
         return p_UT, np.stack(J, axis=2)
 
+    def along(self, p_UT: FloatArray) -> FloatArray:
+        """Returns the parts of places along the directions in which the joints move the tip.
+
+        Args:
+            p_UT: Places in U, shape (m, 3), in metres.
+
+        Returns:
+            The places whose distance from the tip at home has these parts, shape (m, 3); with three
+            joints or more, the places themselves.
+        """
+        J = self.tips(self.home[None])[1][0]
+        if J.shape[1] >= len(J):
+            return p_UT
+        return np.asarray(self.tip + (p_UT - self.tip) @ (J @ np.linalg.pinv(J)))
+
     def samples(self) -> FloatArray:
         """Returns evenly spread positions of the joints, shape (m, k)."""
         # Imported only here, because scipy.stats takes a quarter of a second.

@@ -10,12 +10,12 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.finger_config import capability_at, remaining_contacts
-from drake_pregrasp.config.grasp_config import ABOVE, SIDE, GraspConfig
+from drake_pregrasp.config.grasp_config import ABOVE, SIDE, GraspConfig, hand_measures
 from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.config.object_config import Box, Mesh, PoseStream, Push, Revolved, Toss
-from drake_pregrasp.config.planner_config import PlannerConfig
+from drake_pregrasp.config.planner_config import MeasuresConfig, PlannerConfig
 from drake_pregrasp.contacts.assignment import assign_fingers, palm_turn, ring_contacts
-from drake_pregrasp.contacts.start_contacts import StartContacts
+from drake_pregrasp.contacts.hand_over_object import StartContacts
 from drake_pregrasp.diagrams import start_grasp
 from drake_pregrasp.diagrams.approaches import (
     best_approach,
@@ -100,6 +100,12 @@ class ResolvedScenario:
         """Returns the surface of the object, sampled with another spacing in metres."""
         hand = None if self.hand is None else self.hand.description
         return _surface(self.scenario, self.shape, hand, spacing)
+
+    @property
+    def measures(self) -> MeasuresConfig:
+        """Assumptions of the logged measures, with the contact model of the hand's fingertips."""
+        measures = self.scenario.measures
+        return hand_measures(measures, self.hand.description) if self.hand else measures
 
     def finger_measures(self) -> FingerMeasures | None:
         """Returns the measures of the hand's fingers, if the planner needs them."""

@@ -318,7 +318,7 @@ def _limits_problems(limits: LimitsConfig, num_contacts: int, surface: ObjectSur
         if first == second:
             yield pair_key, f"contact {first} cannot follow itself"
         yield from _size_problems(f"{pair_key}.distance", pair.distance, longest)
-        if radii and pair.distance < (room := radii[first] + radii[second]):
+        if radii and 0 < pair.distance < (room := radii[first] + radii[second]):
             problem = f"contradicts tip_radii, which keep the two {room:.3g} m apart"
             yield f"{pair_key}.distance", f"{pair.distance} {problem}"
     with errors_at(f"{key}.pairs"):

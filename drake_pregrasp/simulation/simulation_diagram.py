@@ -243,7 +243,7 @@ def _add_logger(
     sink: Callable[[TickRecord], None] | None,
 ) -> None:
     """Adds the monitor of the quality, and a logger of planning ticks if there is a sink."""
-    measures, n = resolved.scenario.measures, resolved.num_contacts
+    measures, n = resolved.measures, resolved.num_contacts
     monitor = GraspQualityMonitor(measures, surface=resolved.surface, num_contacts=n)
     builder.AddNamedSystem("grasp_quality_monitor", monitor)
     connect(builder, plant, "X_WO", monitor)

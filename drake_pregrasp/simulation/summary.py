@@ -63,7 +63,7 @@ def force_closure_summary(
         static: Record of the tick for the values `static`; None for null values.
         final: Record of the tick for the values `final`; None for null values.
     """
-    measures = resolved.scenario.measures
+    measures = resolved.measures
     model = "hard_finger" if measures.contact_model == "complete" else measures.contact_model
     columns = [_measure(resolved, model, record) for record in (static, final)]
     common = {"friction": measures.friction, "contact_model": model}
@@ -79,7 +79,7 @@ def _measure(
     if record is None:
         return (None,) * len(MARGINS)
     scenario, surface = resolved.scenario, resolved.surface
-    measures, friction = scenario.measures, scenario.measures.friction
+    measures, friction = resolved.measures, resolved.measures.friction
     cone: dict[str, Any] = {"model": model, "torsional_friction": measures.torsional_friction}
     _, p_OC = record.active_contacts()
     r, (_, nhat) = p_OC - surface.p_OCoM, surface.project(p_OC)
@@ -237,7 +237,7 @@ def summarize(
         "mean": _measures(measured, adapting, np.mean),
         "final": final,
         **fate,
-        "contact_model": scenario.measures.contact_model,
+        "contact_model": resolved.measures.contact_model,
         **force_closure_summary(resolved, static=log.last_static, final=log.last),
         **_after_damage(resolved, measured, time),
         **_coordinates(resolved, log.last),

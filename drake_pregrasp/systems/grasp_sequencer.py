@@ -169,6 +169,7 @@ class GraspSequencer(LeafSystem):
         self._palm_axis, self._lift_axis = palm_axis, config.lift_axis
         self._solid, self._efforts = object_solid, np.empty(0) if efforts is None else efforts
         self._radius = np.array([tip.radius for tip in fingertips])
+        self._patch_radii = np.array([tip.patch_radius for tip in fingertips])
         first = GraspState.first(n, self._settings)
         self._unpack = state_unpacker(n)
         self._state = self.DeclareDiscreteState(first.to_vector())
@@ -347,6 +348,7 @@ class GraspSequencer(LeafSystem):
             *(p_OC - self._p_OCoM, nhat, np.append(load_O, np.zeros(3))),
             friction=self._config.planned_friction,
             largest_normal=np.broadcast_to(settings.largest_force, active.shape)[active],
+            patch_radii=self._patch_radii[active],
             jacobians=jacobians,
             efforts=self._efforts,
         )

@@ -18,7 +18,6 @@ from drake_pregrasp.grasping.grasp_state import BASE
 LARGEST_RATE = 10.0
 """Largest rate of any joint, in rad/s or m/s."""
 
-_FORCE_DIRECTIONS = 3
 _LEAST_SHARE = 0.08  # Singular value of a Jacobian below which it is damped, of its largest one.
 
 
@@ -65,10 +64,9 @@ class HandKinematics:
         self._is_own = moves & (np.sum(moves, axis=0) == 1)
         self._tree, self._forward = _kinematic_tree(plant, self.frames, moves), forward
         for name, own in zip(tip_frames, self._is_own, strict=True):
-            if np.sum(own) < _FORCE_DIRECTIONS:
+            if not np.any(own):
                 raise InvalidArgumentError(
-                    f"{name} has {np.sum(own)} joints of its own; to feel forces in all directions"
-                    f" it needs {_FORCE_DIRECTIONS}"
+                    f"{name} has no joint of its own; to feel forces it needs at least one"
                 )
 
     def own_joints(self, finger: int) -> IntArray:
@@ -98,9 +96,11 @@ class HandKinematics:
         """Returns the forces that fingertips press with, in W, shape (n, 3), in newtons.
 
         At rest and without gravity, the torques of a finger's own joints are tau = J^T f. With more
-        than three joints, f is the least-squares solution. Torques hardly show a force along a
-        direction in which a stretched finger hardly moves, with a singular value s near zero: f has
-        the component tau/s there, and tau s/s0^2 below s0, so that |f| <= |tau|/s0.
+        than three joints, f is the least-squares solution. With fewer, only the part of f along the
+        directions in which they move the fingertip is known; the rest is 0 here. Torques hardly
+        show a force along a direction in which a stretched finger hardly moves, with a singular
+        value s near zero: f has the component tau/s there, and tau s/s0^2 below s0, so that
+        |f| <= |tau|/s0.
 
         Args:
             J_WT: Jacobians of the fingertips' velocities, shape (n, 3, nq).

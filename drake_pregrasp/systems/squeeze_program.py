@@ -7,9 +7,10 @@ import numpy as np
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from scipy.linalg import block_diag
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.grasp_state import GiveUp, Squeeze
+from drake_pregrasp.quality.force_closure import torsional_friction_of
 from drake_pregrasp.quality.grasp_quality import contact_axes, contact_blocks, longest_arm
 
 PREFERRED_SHARE = 0.5
@@ -32,6 +33,7 @@ def plan_squeeze(
     friction: float,
     least_normal: float,
     largest_normal: float | FloatArray,
+    patch_radii: FloatArray | None = None,
     jacobians: FloatArray | None = None,
     efforts: FloatArray | None = None,
 ) -> Squeeze:
@@ -47,6 +49,10 @@ def plan_squeeze(
     The smallest forces lie on their cones. Cones of half the width leave a margin for errors; the
     forces exceed them by s only if nothing else balances the wrench.
 
+    A soft finger also exerts a moment m_i about its normal. With e_i = 3 pi/16 times the radius of
+    its patch, the limit surface of force and moment is an ellipsoid (Howe & Cutkosky, 1996):
+    |(t_i, m_i/e_i)| <= mu n_i replaces |t_i| <= mu n_i, and m_i/e_i counts as a force in the cost.
+
     Args:
         p_CoMC: Lever arms from the centre of mass to the contacts, shape (n, 3), in metres.
         nhat: Outward unit normals at the contacts, in the frame of `p_CoMC`, shape (n, 3).
@@ -56,6 +62,8 @@ def plan_squeeze(
             errors of contacts, poses and forces.
         least_normal: Least normal force in newtons.
         largest_normal: Largest normal force in newtons, a scalar or of shape (n,).
+        patch_radii: Radii of the patches of soft fingers, and 0 for hard ones, shape (n,), in
+            metres; None if all are hard.
         jacobians: Jacobians J_i of the contacts' velocities in that frame, shape (n, 3, nq); None
             for no limits on joints.
         efforts: Largest torque of each joint, shape (nq,), in N m.
@@ -69,15 +77,19 @@ def plan_squeeze(
         raise InvalidArgumentError(
             f"normal forces need 0 N <= least <= largest, not {least_normal} and {largest_normal} N"
         )
-    R, G = contact_axes(nhat), contact_blocks(p_CoMC, nhat, "hard_finger")
-    scale = np.ones(6)
+    R, G = contact_axes(nhat), contact_blocks(p_CoMC, nhat, "soft_finger")
+    scale, n = np.ones(6), len(R)
     scale[3:] /= longest_arm(p_CoMC)
-    torques = np.empty((0, 3 * len(R)))
-    if jacobians is not None:  # tau = sum of J_i^T R_i f_i.
-        torques = np.einsum("nji,njk->ink", jacobians, R).reshape(-1, 3 * len(R))
-    balance = scale[:, None] * G.transpose(1, 0, 2).reshape(6, -1), scale * wrench
+    arms = torsional_friction_of(1.0, np.zeros(n) if patch_radii is None else patch_radii)
+    soft = np.flatnonzero(arms)
+    columns = np.hstack([*G[:, :, :3], arms[soft] * G[soft, :, 3].T])
+    torques = np.empty((0, columns.shape[1]))
+    if jacobians is not None:  # tau = sum of J_i^T R_i f_i; moments are too small to count.
+        torques = np.einsum("nji,njk->ink", jacobians, R).reshape(-1, 3 * n)
+        torques = np.pad(torques, ((0, 0), (0, len(soft))))
+    balance = scale[:, None] * columns, scale * wrench, soft
     limits: dict[GiveUp, FloatArray] = {
-        GiveUp.NEEDS_FORCE: np.broadcast_to(largest_normal, len(R)),
+        GiveUp.NEEDS_FORCE: np.broadcast_to(largest_normal, n),
         GiveUp.NEEDS_TORQUE: np.empty(0) if efforts is None else efforts,
         GiveUp.NEEDS_FRICTION: np.array(friction),
     }
@@ -95,32 +107,37 @@ def plan_squeeze(
 def _solve(
     G: FloatArray,
     wrench: FloatArray,
+    soft: IntArray,
     torques: FloatArray,
     least: float,
     largest: FloatArray,
     efforts: FloatArray,
     friction: FloatArray,
 ) -> tuple[FloatArray, float]:
-    """Returns forces in the axes of their contacts, shape (n, 3), and the norm of the residual."""
-    n = G.shape[1] // 3
+    """Returns forces in the axes of their contacts, shape (n, 3), and the norm of the residual.
+
+    The columns of G and of the torques are those of the n forces, then of the moments of the soft
+    fingers.
+    """
+    n, size = (G.shape[1] - len(soft)) // 3, G.shape[1]
     program = MathematicalProgram()
-    f = program.NewContinuousVariables(3 * n)
+    x = program.NewContinuousVariables(size)
     imbalance, excess = program.NewContinuousVariables(2)
-    program.Add2NormSquaredCost(np.eye(3 * n), np.zeros(3 * n), f)
+    program.Add2NormSquaredCost(np.eye(size), np.zeros(size), x)
     program.AddLinearCost(_IMBALANCE_COST * imbalance + _EXCESS_COST * excess)
-    residual = block_diag(1.0, G)  # Times (imbalance, f), plus the wrench: (imbalance, r).
-    program.AddLorentzConeConstraint(residual, np.append(0.0, wrench), np.append(imbalance, f))
+    residual = block_diag(1.0, G)  # Times (imbalance, x), plus the wrench: (imbalance, r).
+    program.AddLorentzConeConstraint(residual, np.append(0.0, wrench), np.append(imbalance, x))
     program.AddBoundingBoxConstraint(0, np.inf, excess)
-    program.AddBoundingBoxConstraint(np.full(n, least), largest, f[::3])
+    program.AddBoundingBoxConstraint(np.full(n, least), largest, x[: 3 * n : 3])
     for i in range(n):
-        normal, *along = f[3 * i : 3 * i + 3]
-        friction_limit = float(friction) * normal
+        along = np.append(x[3 * i + 1 : 3 * i + 3], x[3 * n :][soft == i])
+        friction_limit = float(friction) * x[3 * i]
         for limit in (friction_limit, PREFERRED_SHARE * friction_limit + excess):
             program.AddLorentzConeConstraint(np.array([limit, *along]))
     if len(torques):
-        program.AddLinearConstraint(torques, -efforts, efforts, f)
+        program.AddLinearConstraint(torques, -efforts, efforts, x)
     result = ClarabelSolver().Solve(program)
     if not result.is_success():
         return np.zeros((n, 3)), float(np.linalg.norm(wrench))
-    forces: FloatArray = result.GetSolution(f)
-    return forces.reshape(n, 3), float(np.linalg.norm(G @ forces + wrench))
+    found: FloatArray = result.GetSolution(x)
+    return found[: 3 * n].reshape(n, 3), float(np.linalg.norm(G @ found + wrench))

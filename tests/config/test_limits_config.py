@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drake_pregrasp.config.limits_config import BallReach, BoxReach, LimitsConfig
-from drake_pregrasp.contacts.goal_limits import Pair
+from drake_pregrasp.contacts.contact_pairs import Pair
 from drake_pregrasp.geometry.mesh_surface import mesh_surface
 from drake_pregrasp.geometry.shapes import ball_shape
 

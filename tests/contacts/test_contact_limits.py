@@ -24,7 +24,8 @@ from thin_cup import CUP, RADIUS, WALL
 
 from drake_pregrasp import ContactStatus, InvalidArgumentError, box_surface
 from drake_pregrasp.contacts.centroids import position_tracking, select_contacts
-from drake_pregrasp.contacts.goal_limits import ContactLimits, Pair, hold_contacts, steps_toward
+from drake_pregrasp.contacts.contact_pairs import Pair
+from drake_pregrasp.contacts.goal_limits import ContactLimits, hold_contacts, steps_toward
 from drake_pregrasp.contacts.quality_guard import guard_measure
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface
@@ -135,12 +136,16 @@ def test_goals_stay_on_permitted_surface_of_their_regions():
 PAIR = Pair(first=0, second=1, distance=0.03)
 
 
+def error(pair, surface, p_OC):
+    return pair.error(p_OC, surface.project(p_OC)[1])
+
+
 def paired_contacts(surface, n, distance=0.03, seed=1):
     """Random candidates, the first two at the distance of the pair, the others apart."""
     first = np.random.default_rng(seed).choice(surface.p_OQ)
-    second = min(surface.p_OQ, key=lambda q: PAIR.error(np.array([first, q])))
+    second = min(surface.p_OQ, key=lambda q: abs(np.linalg.norm(q - first) - PAIR.distance))
     p_OC = spread_contacts(surface, n, distance, seed, first=[first, second])
-    assert PAIR.error(p_OC) < PAIR.tolerance
+    assert error(PAIR, surface, p_OC) < PAIR.tolerance
     return p_OC
 
 
@@ -150,7 +155,7 @@ def test_pairs_keep_their_distance_and_the_second_its_region(surface, max_step):
     limits = ContactLimits(pairs=(PAIR,), max_step=max_step)
     moved = np.zeros(2)
     for chosen, before, goals in wander(surface, paired_contacts(surface, 4), limits, 40):
-        assert PAIR.error(goals.p_OC) <= PAIR.tolerance + 1e-12
+        assert error(PAIR, surface, goals.p_OC) <= PAIR.tolerance + 1e-12
         steps = lengths(goals.p_OC - before)
         assert np.max(steps) <= max_step + 1e-12
         if steps[1] > 0 and max_step == np.inf:  # A shorter step may end before its region.
@@ -172,7 +177,7 @@ def test_pairs_keep_their_distance_when_one_of_them_has_to_leave():
         constraints = {"obstacles": Obstacles((ball,)), "clearance": 0.002} if tick % 3 else {}
         chosen = selection_of(CAN, p_OC, **constraints)
         goals = select_contacts(chosen, strategy, limits=limits)
-        assert PAIR.error(goals.p_OC) <= PAIR.tolerance + 1e-12
+        assert error(PAIR, CAN, goals.p_OC) <= PAIR.tolerance + 1e-12
         moved += np.linalg.norm(goals.p_OC[0] - p_OC[0])
         p_OC = goals.p_OC
     assert moved > 0.01
@@ -185,7 +190,7 @@ def test_a_pair_whose_distance_cannot_be_met_stays():
         select_contacts(chosen, position_tracking, limits=ContactLimits(pairs=pairs)).p_OC
         for pairs in ((), (PAIR,))
     )
-    assert PAIR.error(free) > PAIR.tolerance
+    assert error(PAIR, BALL, free) > PAIR.tolerance
     np.testing.assert_array_equal(goals[:2], p_OC[:2])
     np.testing.assert_array_equal(goals[2], free[2])
 
@@ -211,7 +216,7 @@ def test_a_pair_off_its_distance_goes_to_it_whatever_a_guard_says():
     p_OC = CUBE.project(np.array([[0.06, 0.0, 0.0], [0.06, 0.02, 0.0], [-0.06, 0, 0]]))[0]
     for guard in (None, always_worse()):
         goals = tracking_goals(CUBE, p_OC, ContactLimits(pairs=(pair,), guard=guard)).p_OC
-        assert pair.error(goals) <= pair.tolerance
+        assert error(pair, CUBE, goals) <= pair.tolerance
         assert np.any(goals[2] != p_OC[2]) == (guard is None)
 
 
@@ -224,7 +229,7 @@ def test_a_pair_that_gets_nearer_to_its_distance_moves():
     np.testing.assert_array_equal(goals[0], tracking_goals(BALL, p_OC).p_OC[0])
     members = BALL.p_OQ[chosen.regions.members(1)]
     farthest = members[np.argmax(lengths(members - goals[0]))]
-    assert pair.error(goals) < pair.error(p_OC)
+    assert error(pair, BALL, goals) < error(pair, BALL, p_OC)
     assert np.linalg.norm(goals[1] - farthest) < 0.01
 
 
@@ -246,7 +251,7 @@ def test_active_fingertips_never_overlap(surface, pairs, seed):
     for _, before, goals in wander(surface, p_OC, limits, 25, seed, tip_radii=tips):
         assert not overlaps(surface, goals, tips)
         if pairs:
-            assert PAIR.error(goals.p_OC) <= PAIR.tolerance + 1e-12
+            assert error(PAIR, CAN, goals.p_OC) <= PAIR.tolerance + 1e-12
         moved += np.sum(lengths(goals.p_OC - before))
         active += np.sum(goals.active)
     assert moved > 0.05

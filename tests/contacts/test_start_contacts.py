@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.contacts.assignment import palm_turn, ring_contacts
 from drake_pregrasp.contacts.goal_limits import tip_gaps
-from drake_pregrasp.contacts.start_contacts import HandOverObject, choose_start_contacts
+from drake_pregrasp.contacts.hand_over_object import HandOverObject
+from drake_pregrasp.contacts.start_contacts import choose_start_contacts
 from drake_pregrasp.errors import Lack, NoGraspError
 from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface
 from drake_pregrasp.geometry.shapes import ball_shape, box_shape, cylinder_shape, load_shape

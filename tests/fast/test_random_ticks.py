@@ -10,7 +10,8 @@ from thin_cup import CUP
 
 from drake_pregrasp import BoxSolid, ForbiddenPoints, box_surface, mesh_surface
 from drake_pregrasp.contacts.centroids import select_contacts
-from drake_pregrasp.contacts.goal_limits import ContactLimits, Pair
+from drake_pregrasp.contacts.contact_pairs import Pair
+from drake_pregrasp.contacts.goal_limits import ContactLimits
 from drake_pregrasp.contacts.reassignment import (
     ReassignmentRule,
     reassigned_goals,

@@ -52,7 +52,7 @@ def test_a_shipped_scenario_keeps_its_limits(name, tmp_path):
                 assert limits.reach[contact].make_reach().solid.distance(p_HC)[0] < 1e-9
         for pair in contact_limits.pairs:
             if pair.first in active and pair.second in active:
-                assert pair.error(p_OC) <= pair.tolerance + 1e-9
+                assert pair.error(p_OC, normals) <= pair.tolerance + 1e-9
         if before is not None:
             steps = np.linalg.norm(p_OC - before, axis=1)
             assert np.max(steps[active], initial=0) <= contact_limits.max_step + 1e-9

@@ -1,0 +1,78 @@
+"""A hand over an object, as far as its start contacts depend on it, and these contacts."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.contacts.assignment import FREE_TURN
+from drake_pregrasp.contacts.contact_pairs import Pair
+from drake_pregrasp.regions.constraints import RegionConstraints
+
+
+@dataclass(frozen=True, eq=False)
+class HandOverObject:
+    """A hand with its palm over an object, as far as its start contacts depend on it.
+
+    Attributes:
+        constraints_at: Function from a yaw of the palm, in radians, to the constraints of the
+            contacts in O, with fingertips.
+        p_OT_at: Function from a yaw to the fingertips at home in O, shape (n, 3), in metres.
+        azimuths: Azimuths of the fingers about the palm's axis at yaw 0, shape (n,), in radians.
+        R_AO: Orientation of the object in the frame A of the approach. The palm's axis is z of A.
+        wrench: Weight of the object: force in N and torque about the centre of mass in N m, in O,
+            shape (6,).
+        friction: Coulomb's coefficient.
+        normal_forces: Smallest and largest normal force of each finger, shape (2, n), in newtons.
+        yaw: Yaw of the palm, in radians; of equal grasps, the nearest one is chosen.
+        yaw_range: Smallest and largest yaw of the palm, in radians.
+        least_fingers: Smallest number of fingers of a grasp.
+        holds_palm: Function that tells whether the hand can hold its palm at a yaw.
+        p_AO: Position of the object's origin in A, shape (3,), in metres.
+        in_workspace: Function from a yaw and centres of each fingertip in O, shape (n, k, 3), to
+            the mask of those that its joints reach, shape (n, k).
+        patch_radii: Radii of the patches of soft fingertips, and 0 for hard ones, shape (n,), in
+            metres; None if all are hard.
+        pairs: Pairs of contacts that must be opposite each other.
+        opening: Largest distance of such contacts, in metres.
+        clearance_weight: Factor of the costs of places at the edge of reach, and under parts of the
+            object.
+    """
+
+    constraints_at: Callable[[float], RegionConstraints]
+    p_OT_at: Callable[[float], FloatArray]
+    azimuths: FloatArray
+    R_AO: FloatArray
+    wrench: FloatArray
+    friction: float
+    normal_forces: FloatArray
+    yaw: float = 0.0
+    yaw_range: tuple[float, float] = FREE_TURN
+    least_fingers: int = 3
+    holds_palm: Callable[[float], bool] = lambda yaw: True
+    p_AO: FloatArray = field(default_factory=lambda: np.zeros(3))
+    in_workspace: Callable[[float, FloatArray], BoolArray] = lambda _, p: np.full(p.shape[:2], True)
+    patch_radii: FloatArray | None = None
+    pairs: tuple[Pair, ...] = ()
+    opening: float = np.inf
+    clearance_weight: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class StartContacts:
+    """Start contacts of a hand.
+
+    Attributes:
+        p_OC: Contacts in O, in the order of the fingers, shape (n, 3), in metres.
+        has_contact: Mask of the fingers that take part, shape (n,); the others stay away.
+        yaw: Yaw of the palm, in radians.
+        margin: Min-weight margin of force closure of the fingers that take part.
+        score: What the choice maximizes: the margin, with strength, fingers and comfort.
+    """
+
+    p_OC: FloatArray
+    has_contact: BoolArray
+    yaw: float
+    margin: float
+    score: float
