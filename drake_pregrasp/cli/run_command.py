@@ -131,13 +131,15 @@ def _grasp_in_words(grasp: Mapping[str, Any]) -> str:
         words.append(f"palm from the side, at {math.degrees(math.atan2(y, x)):.0f}° about z")
     if grasp["gave_up"] is not None:
         words.append(f"gave up because {grasp['gave_up']}")
+    if (held := grasp.get("held")) is not None:
+        words.append("the object was held" if held else "the object was not held in its place")
     for key, text in (
         ("tracking_error_mean_mm", "fingertips {:.3f} mm off their goals (mean until closing)"),
-        ("closing_motion_mm", "object moved {:.3f} mm in closing"),
-        ("squeeze_motion_mm", "{:.3f} mm in the squeeze"),
+        ("moved_closing_mm", "object moved {:.2f} mm in closing"),
+        ("moved_squeeze_mm", "{:.2f} mm in the squeeze"),
         ("lift_height_mm", "lifted {:.1f} mm"),
-        ("slip_lift_mm", "slip {:.2f} mm in the lift"),
-        ("slip_hold_mm", "{:.2f} mm in the hold"),
+        ("moved_hold_mm", "moved {:.2f} mm in the hand"),
+        ("slips_after_s", "would slip by 5 mm after {:.0f} s"),
     ):
         if grasp[key] is not None:
             words.append(text.format(grasp[key]))

@@ -93,6 +93,10 @@ class GraspConfig:
     # Direction of the lift in W, of any length, not into the table.
     lift_direction: list[float] = field(default_factory=lambda: [0.0, 0.0, 1.0], metadata=POINT)
 
+    # Whether the object is shaken once it has been held for ten seconds: pushed by half its weight,
+    # for half a second in each of six directions. Studies of grasps always do this.
+    shake: bool = False
+
     # Directions from which the palm may come: the one with the best start contacts is chosen.
     approaches: list[str] = field(
         default_factory=lambda: [ABOVE], metadata={"min_length": 1, "one_of": (ABOVE, SIDE)}

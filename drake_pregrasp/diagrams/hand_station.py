@@ -21,7 +21,7 @@ from drake_pregrasp.diagrams.hand_instances import (
 )
 from drake_pregrasp.diagrams.hand_parsing import add_hand_model
 from drake_pregrasp.diagrams.object_plant import add_moving_object
-from drake_pregrasp.diagrams.wiring import connect
+from drake_pregrasp.diagrams.wiring import connect, export_inputs
 from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.geometry.solids import HalfSpace
 from drake_pregrasp.systems.hand_kinematics import hand_links
@@ -39,6 +39,7 @@ class HandStation(Diagram):
         name: HandStation
         input_ports:
         - desired_state
+        - grasp_report
         output_ports:
         - X_WO
         - query_object
@@ -49,6 +50,9 @@ class HandStation(Diagram):
 
     Port `desired_state` accepts a vector of 2 nq: desired positions and velocities of the hand's
     joints, for actuators with the gains of its model.
+
+    Port `grasp_report` (optional) accepts a vector of 4: that of `HandController`. If it is
+    connected, the object is shaken once the hand has held it for some time (`ObjectShake`).
 
     Port `X_WO` emits a `RigidTransform`: the true pose of the object, as that of `ObjectPlant`.
 
@@ -116,6 +120,7 @@ class HandStation(Diagram):
             obstacles=obstacles,
             add_more=lambda plant: models.extend(add_hand_model(plant, hand, yaw_range, X_WB)),
             holds_pose=True,
+            shakes=True,
         )
         instances = HandInstances(self.plant, models)
         joints = instances.moving_joints()
@@ -144,6 +149,7 @@ class HandStation(Diagram):
         builder.Connect(self.plant.get_body_poses_output_port(), disc.get_input_port())
         desired, state, actuation = hand_ports(builder, self.plant, joints)
         builder.ExportInput(desired, "desired_state")
+        export_inputs(builder, "grasp_report", builder.GetSubsystemByName("object_shake"))
         builder.ExportOutput(X_WO, "X_WO")
         builder.ExportOutput(self.scene_graph.get_query_output_port(), "query_object")
         builder.ExportOutput(state, "hand_state")

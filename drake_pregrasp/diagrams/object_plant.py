@@ -7,7 +7,12 @@ from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.plant import (
+    AddMultibodyPlant,
+    ExternallyAppliedSpatialForceMultiplexer,
+    MultibodyPlant,
+    MultibodyPlantConfig,
+)
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
@@ -31,6 +36,7 @@ from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.geometry.solids import BoxSolid
 from drake_pregrasp.resources import resource_folder
+from drake_pregrasp.systems.object_shake import ObjectShake
 from drake_pregrasp.systems.sources import BodyPose, MovingSolid, ObjectMotion, PoseReplay
 from drake_pregrasp.systems.tossed_body import TossedBody
 
@@ -62,6 +68,7 @@ def add_moving_object(
     obstacles: Sequence[MovingSolid] = (),
     add_more: Callable[[MultibodyPlant], object] | None = None,
     holds_pose: bool = False,
+    shakes: bool = False,
 ) -> MovingObject:
     """Adds a plant with the object, and what moves it.
 
@@ -77,6 +84,7 @@ def add_moving_object(
             back after the push, so that it leaves them room.
         holds_pose: Whether the pose of a time step is held until the next one (`BodyPose`), for
             ticks whose times equal those of time steps only up to rounding.
+        shakes: Whether to add the system `object_shake`, an `ObjectShake`.
 
     Returns:
         The plant, its scene graph, and the output port of the object's pose X_WO.
@@ -99,15 +107,15 @@ def add_moving_object(
     plant.Finalize()
     separate_contacts(plant, scene_graph, body, is_convex=mesh.is_convex)
     plant.SetDefaultFloatingBaseBodyPose(body, initial_pose(motion, shape))
+    forces = [builder.AddNamedSystem("object_shake", ObjectShake(body))] if shakes else []
     if isinstance(motion, Toss):
         solids = [o.solid for o in obstacles if not np.any(o.velocity)]
         solids += [TABLE_TOP] if motion.table else []
         coulomb = 2 * friction * FRICTION / (friction + FRICTION)  # As Drake combines them.
         launch, corners = _launch_velocity(plant, motion), mesh.convex_hull.vertices
         tossed = TossedBody(plant, body, launch, points=corners, solids=solids, friction=coulomb)
-        builder.AddNamedSystem("tossed_body", tossed)
+        forces.append(builder.AddNamedSystem("tossed_body", tossed))
         connect(builder, plant, "body_poses body_spatial_velocities", tossed)
-        builder.Connect(tossed.get_output_port(), plant.get_applied_spatial_force_input_port())
     else:
         command = builder.AddNamedSystem("object_motion", ObjectMotion(VelocityProfile(profile)))
         builder.Connect(command.get_output_port(), plant.get_desired_state_input_port(driven))
@@ -115,6 +123,12 @@ def add_moving_object(
         drive = ObjectMotion(VelocityProfile([[0.0, speed]]))
         builder.AddNamedSystem(f"obstacle_motion_{index}", drive)
         builder.Connect(drive.get_output_port(), plant.get_desired_state_input_port(instance))
+    if forces:
+        together = ExternallyAppliedSpatialForceMultiplexer(len(forces))
+        builder.AddNamedSystem("spatial_forces", together)
+        for index, source in enumerate(forces):
+            builder.Connect(source.get_output_port(), together.get_input_port(index))
+        builder.Connect(together.get_output_port(), plant.get_applied_spatial_force_input_port())
     body_pose = BodyPose(body.index(), time_step=plant_config.time_step if holds_pose else 0.0)
     pose = builder.AddNamedSystem("object_pose", body_pose)
     builder.Connect(plant.get_body_poses_output_port(), pose.get_input_port())

@@ -200,6 +200,8 @@ def _add_hand(
     )
     connect(builder, station, "hand_state net_actuation", hand.controller)
     connect(builder, hand.controller, "desired_state", station)
+    if grasp.shake:
+        connect(builder, hand.controller, "grasp_report", station)
     command = builder.AddNamedSystem("close_command", CloseCommand(grasp.close_at))
     connect(builder, command, "close", hand.controller)
     return station, hand

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.config.object_config import Conveyor, PoseStream
 from drake_pregrasp.contacts.goal_limits import hold_contacts
 from drake_pregrasp.contacts.selection_input import (
@@ -22,6 +22,7 @@ from drake_pregrasp.errors import printable
 from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.fast import numba_is_installed
 from drake_pregrasp.grasping.grasp_state import GraspPhase, describe_give_up
+from drake_pregrasp.grasping.held_criterion import GraspTicks, held_measures
 from drake_pregrasp.quality.force_closure import ferrari_canny, min_weight_margin
 from drake_pregrasp.quality.grasp_quality import GraspQuality, characteristic_length, grasp_quality
 from drake_pregrasp.regions.coordinates import QUANTITIES
@@ -105,13 +106,9 @@ def summarize_grasp(resolved: ResolvedScenario, log: GraspLog) -> dict[str, Any]
       their goals, relative to the estimated object at the same time, while the hand approaches
       and tracks, after `SETTLED`. Each goal is compared with the fingertip after the
       controller's lead.
-    - `early_motion_mm`, `closing_motion_mm`, `squeeze_motion_mm`: largest motion of the object's
-      origin on the turntable from `SETTLED` until the squeeze, while fingers close until touch, and
-      while forces increase; `early_motion_mm` is null if no conveyor carries the object.
     - `lift_height_mm`: distance along `grasp.lift_direction` of the object at the end from its
       place before the lift.
-    - `slip_lift_mm`, `slip_hold_mm`: largest motion over the object of any fingertip that pressed
-      at the start of the lift.
+    - `held`, `moved_before_mm` and others: see `held_measures`.
     - `tip_forces`: contact force of each finger at the end, in newtons.
     - `link_forces`: largest force with which a link that is no fingertip touched the object, the
       surroundings, and another finger, in newtons.
@@ -119,38 +116,35 @@ def summarize_grasp(resolved: ResolvedScenario, log: GraspLog) -> dict[str, Any]
     - `palm_from`: unit vector in W from the object towards the palm.
     """
     scenario = resolved.scenario
-    time, phase, reason, detail = log.read("time", "phase", "gave_up", "gave_up_detail")
+    names = ("time", "phase", "phase_since", "gave_up", "gave_up_detail")
+    time, phase, since, reason, detail = log.read(*names)
     if not len(time):
         return {"phase": None, "gave_up": None}
     tips, goals, forces = (log.read_points(kind) for kind in ("tip", "goal", "force"))
-    object_poses, table_poses = log.read_pose("wo"), log.read_pose("wd")
+    object_poses, hand_poses = log.read_pose("wo"), log.read_pose("wg")
     hand = resolved.hand
     lead = scenario.grasp.period + resolved.plant_config.time_step
-    carried = seen_from(log.read_pose("wg"), tips)
+    carried = seen_from(hand_poses, tips)
     errors = 1e3 * np.linalg.norm(carried - _shifted(time, goals, lead), axis=2)
     tracking = (phase <= GraspPhase.TRACK) & (time > SETTLED)
-    is_carried = isinstance(scenario.motion, Conveyor)
-    early = (phase <= GraspPhase.CLOSE) & (time > SETTLED) & is_carried
-    on_table = 1e3 * seen_from(table_poses, object_poses[:, None, :3])
-    on_object = 1e3 * seen_from(object_poses, tips)
     lifting = np.flatnonzero(phase == GraspPhase.LIFT)
     lifted = (
         object_poses[lifting[0] if len(lifting) else len(time) :, :3] @ scenario.grasp.lift_axis
     )
-    if len(lifting):
-        presses = np.linalg.norm(forces[lifting[0]], axis=1) >= scenario.grasp.touch_force / 2
-        on_object = on_object[:, presses]
+    ticks = GraspTicks(time, phase, since, object_poses, log.read_pose("wd"), hand_poses)
     return {
         "phase": GraspPhase(int(phase[-1])).name.lower(),
         "gave_up": describe_give_up(int(reason[-1]), detail[-1]),
         "tracking_error_mean_mm": _reduced(np.mean, errors[tracking]),
         "tracking_error_max_mm": _reduced(np.max, errors[tracking]),
-        "early_motion_mm": _largest_motion(on_table, early),
-        "closing_motion_mm": _largest_motion(on_table, phase == GraspPhase.CLOSE),
-        "squeeze_motion_mm": _largest_motion(on_table, phase == GraspPhase.SQUEEZE),
+        **held_measures(
+            ticks,
+            resolved.surface.p_OCoM,
+            scenario.grasp.close_at,
+            is_carried=isinstance(scenario.motion, Conveyor),
+            shakes=scenario.grasp.shake,
+        ),
         "lift_height_mm": _reduced(lambda s: 1e3 * (s[-1] - s[0]), lifted),
-        "slip_lift_mm": _largest_motion(on_object, phase == GraspPhase.LIFT),
-        "slip_hold_mm": _largest_motion(on_object, phase == GraspPhase.HOLD),
         "tip_forces": np.linalg.norm(forces[-1], axis=1).tolist(),
         "link_forces": {
             touched: float(np.max(log.read(f"link_force_{touched}"))) for touched in TOUCHED
@@ -169,11 +163,6 @@ def seen_from(poses: FloatArray, p_WP: FloatArray) -> FloatArray:
     """Transforms points in W, shape (ticks, k, 3), to the frames of poses, shape (ticks, 7)."""
     R = Rotation.from_quat(poses[:, [4, 5, 6, 3]]).as_matrix()
     return np.asarray(np.einsum("tji,tkj->tki", R, p_WP - poses[:, None, :3]))
-
-
-def _largest_motion(points: FloatArray, during: BoolArray) -> float | None:
-    """Returns the largest distance of points, shape (ticks, k, 3), from their first positions."""
-    return _reduced(lambda p: np.max(np.linalg.norm(p - p[0], axis=2)), points[during])
 
 
 def _reduced(reduce: Callable[[Any], Any], values: FloatArray | IntArray) -> float | None:

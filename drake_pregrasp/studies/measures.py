@@ -12,6 +12,7 @@ from drake_pregrasp.contacts.goal_limits import ROUNDING, tip_gaps
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE
+from drake_pregrasp.grasping.held_criterion import LARGEST_MM, PARTS
 from drake_pregrasp.regions.constraints import OPPOSITE
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.run_log import RunLog, adapting_phase, pose_columns
@@ -198,7 +199,9 @@ def goal_errors(ticks: Sequence[TickRecord], delay: float) -> FloatArray:
 
 def _grasp(run: SimulatedRun) -> dict[str, Any]:
     outcome = run.outcome
-    return {} if outcome is None else asdict(outcome) | {"clean": outcome.clean}
+    if outcome is None:
+        return {}
+    return {**asdict(outcome), **outcome.motion, "clean": outcome.clean}
 
 
 PLANNING = MeasureGroup(
@@ -228,6 +231,13 @@ MARGINS = MeasureGroup(
     _margins,
 )
 
+_WHERE = {"before": "before the command", "closing": "in closing"}
+_MOTION = {
+    f"{verb}_{part}_{unit}": f"object {verb} {_WHERE.get(part, f'in the {part}')} [{shown}]"
+    for part in PARTS
+    for verb, unit, shown in (("moved", "mm", "mm"), ("turned", "deg", "°"))
+}
+
 GRASP = MeasureGroup(
     {
         "held": "object held",
@@ -235,12 +245,9 @@ GRASP = MeasureGroup(
         "fingers": "fingers that took part",
         "waited_s": "waited before closing [s]",
         "withdrawn": "withdrawn fingers, mean",
-        "pushed_before_mm": "object moved before the command to close [mm]",
-        "turned_before_deg": "object turned before the command to close [°]",
-        "pushed_closing_mm": "object moved in closing [mm]",
-        "pushed_before_squeeze_mm": "object moved before the squeeze [mm]",
-        "slip_mm": "slip in the hand [mm]",
-        "tilt_deg": "tilt at the end [°]",
+        **_MOTION,
+        "drift_mm_per_min": "drift in the hold [mm/min]",
+        "slips_after_s": f"would slip {LARGEST_MM:g} mm after [s]",
         "link_on_object_n": "largest force of a link on the object [N]",
         "link_on_surroundings_n": "largest force of a link on table and walls [N]",
         "link_on_hand_n": "largest force of a link on another finger [N]",

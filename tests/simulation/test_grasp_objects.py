@@ -31,9 +31,9 @@ def test_it_is_lifted_and_nothing_but_fingertips_touches_it(name, tmp_path):
     result = run_text("grasp_five_finger", f"{CASES[name]}, initial_contacts: []", tmp_path)
     grasp, log = result.summary["grasp"], run_log(result, "grasp.csv")
     assert (grasp["phase"], grasp["gave_up"]) == ("hold", None)
-    assert grasp["closing_motion_mm"] < 1
+    assert grasp["moved_closing_mm"] < 1
     assert 95 < grasp["lift_height_mm"] < 105
-    assert max(grasp["slip_lift_mm"], grasp["slip_hold_mm"]) < 1
+    assert max(grasp["moved_lift_mm"], grasp["moved_hold_mm"]) < 1
     assert set(grasp["link_forces"].values()) == {0.0}
     # Before the hand closes, the object rests on the table.
     heights = points(log, "wo")[(log["time"] > 4) & (log["phase"] < GraspPhase.CLOSE), 2]

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from made_up_records import record
+from made_up_records import motion_of, record
 
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.contacts.selection_input import ContactStatus
@@ -15,14 +15,16 @@ TRACKED = [record(0.0, GraspPhase.APPROACH), record(2.0, GraspPhase.TRACK)]
 CLOSED = [*TRACKED, record(3.0, GraspPhase.CLOSE)]
 LIFTED = [*CLOSED, record(3.5, GraspPhase.LIFT), record(4.0, GraspPhase.LIFT, lift=0.05)]
 BACK = record(4.5, GraspPhase.BACK_OFF)
-HELD_LOW = record(5.0, GraspPhase.HOLD, lift=0.01)
+SUNK = record(5.0, GraspPhase.HOLD, lift=0.05, sunk=0.01)
+PUSHED = record(2.6, GraspPhase.CLOSE, slid=0.006)
 TIPPED = record(2.5, GraspPhase.TRACK, tilt=np.radians(30))
 TIPPED_IN_HAND = record(4.2, GraspPhase.HOLD, lift=0.05, tilt=np.radians(60))
 
 
 def cause(records, reason=GiveUp.NONE, statuses=()):
     first = GraspState.first(5, GraspConfig().make_settings())
-    return failure_cause(records, statuses, dataclasses.replace(first, reason=reason))
+    state = dataclasses.replace(first, reason=reason)
+    return failure_cause(records, motion_of(records, 2.5), statuses, state)
 
 
 @pytest.mark.parametrize(
@@ -38,7 +40,8 @@ def cause(records, reason=GiveUp.NONE, statuses=()):
         ([*CLOSED, BACK], GiveUp.NEEDS_FRICTION, "no balance"),
         ([*LIFTED, BACK], GiveUp.LOST_TOUCH, "slipped"),
         ([*LIFTED, BACK], GiveUp.PRESSED_TOO_HARD, "pressed too hard"),
-        ([*LIFTED, HELD_LOW], GiveUp.NONE, "slipped"),
+        ([*LIFTED, SUNK], GiveUp.NONE, "moved in the hold"),
+        ([*CLOSED, PUSHED, *LIFTED[3:]], GiveUp.NONE, "moved in closing"),
         ([*TRACKED, TIPPED, BACK], GiveUp.OFF_GOAL, "knocked over"),
         ([*LIFTED, TIPPED_IN_HAND, BACK], GiveUp.LOST_TOUCH, "slipped"),
     ],

@@ -47,7 +47,7 @@ GRASPS = {
     "methods": {"old": {}, "new": {"label": "new <i>"}, "other": {}},
     "tests": [{"method": "new"}],
     "closing_times": [1.0, 2.0],
-    "measures": ["held", "slip_mm"],
+    "measures": ["held", "moved_hold_mm"],
     "grid": {"planner.period": [0.1, 0.05]},
     "seeds": 8,
 }
@@ -62,7 +62,7 @@ def grasps(tmp_path_factory):
         luck = zlib.crc32(repr((*job.values(), time)).encode()) % 10
         held = bool(luck < {"old": 2, "new": 9}.get(job["method"], 5))
         row = {"close_at": time, "cause": "" if held else "met <nothing> & stopped", "held": held}
-        rows.append(job | row | {"slip_mm": luck if held else np.nan})
+        rows.append(job | row | {"moved_hold_mm": luck if held else np.nan})
     return study, pd.DataFrame(rows)
 
 

@@ -1,19 +1,20 @@
 """Cause of a failed grasp, from the records of its ticks and the state at its end."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspState
+from drake_pregrasp.grasping.held_criterion import part_moved
 from drake_pregrasp.systems.loggers import GraspRecord
 
 TOPPLED_DEG = 20.0
 """Tilt of an object on the table, compared with its start, from which it counts as knocked over."""
 
 TIMED_OUT = "timed out"
-"""Cause if the hand neither held the object nor gave up in time."""
+"""Cause if the hand neither lifted the object nor gave up in time."""
 
 _CAUSES = {
     GiveUp.NONE: TIMED_OUT,
@@ -39,16 +40,30 @@ _LIMITS = {
 }
 
 
+_MOVED = {
+    "before": "moved before closing",
+    "closing": "moved in closing",
+    "squeeze": "moved in the squeeze",
+    "lift": "moved in the lift",
+    "hold": "moved in the hold",
+    "shake": "moved in the shake",
+}
+
+
 def failure_cause(
-    records: Sequence[GraspRecord], statuses: Sequence[Sequence[int]], state: GraspState
+    records: Sequence[GraspRecord],
+    motion: Mapping[str, float | None],
+    statuses: Sequence[Sequence[int]],
+    state: GraspState,
 ) -> str:
-    """Returns the cause of a grasp that failed to lift and hold the object, in a few words.
+    """Returns the cause of a grasp that failed to hold the object, in a few words.
 
     What happened to the object comes before what the hand says of it: an object that the hand has
     knocked over is out of reach afterwards.
 
     Args:
         records: Records of all control ticks until the end of the grasp.
+        motion: Motion of the object, as `held_measures` returns it.
         statuses: `ContactStatus` of each finger at the last tick before the command to close; empty
             if they are unknown.
         state: State of the grasp at its end.
@@ -58,6 +73,8 @@ def failure_cause(
     lifting = int(np.argmax(was_lifted)) if np.any(was_lifted) else len(records)
     if max(map(tilt_deg, records[:lifting])) - tilt_deg(records[0]) > TOPPLED_DEG:
         return "knocked over"
+    if state.reason == GiveUp.NONE and (part := part_moved(motion)):
+        return _MOVED[part]
     if np.any(was_lifted):
         return "pressed too hard" if state.reason == GiveUp.PRESSED_TOO_HARD else "slipped"
     if state.reason == GiveUp.TOO_FEW_FINGERS:

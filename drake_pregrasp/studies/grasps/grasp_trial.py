@@ -8,6 +8,7 @@ from pydrake.systems.framework import Context, DiagramBuilder, System
 
 from drake_pregrasp.diagrams.grasping_hand import GoalInputs
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
+from drake_pregrasp.grasping.held_criterion import SHAKE_END
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram, make_simulator
 from drake_pregrasp.studies.grasps.baseline_goals import StationaryHand
@@ -16,14 +17,13 @@ from drake_pregrasp.studies.grasps.grasp_outcome import Outcome, Status, grasp_o
 from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
 
 _CLOSE_DELAY = 3  # Control ticks between a stationary hand's jump to the object and the closing.
-_HOLD = 1.0  # Seconds of holding before the outcome is measured.
-_LONGEST_GRASP = 8.0  # Seconds after the command until a grasp counts as failed.
+_LONGEST_GRASP = 8.0  # Seconds after the command until a grasp without a lift counts as failed.
 
 
 class GraspTrial:
     """A trial whose simulation can be advanced step by step.
 
-    Its diagram is that of a run, but for the source of the hand's goals.
+    Its diagram is that of a run, but for the source of the hand's goals. A held object is shaken.
 
     Args:
         resolved: Scenario with a hand.
@@ -43,6 +43,9 @@ class GraspTrial:
         if source is not None:  # It chooses contacts for all fingers.
             everywhere = np.ones(resolved.num_contacts, dtype=bool)
             resolved = replace(resolved, start=replace(resolved.start, has_contact=everywhere))
+        scenario = resolved.scenario
+        grasp = replace(scenario.grasp, shake=True)
+        resolved = replace(resolved, scenario=replace(scenario, grasp=grasp))
         self.resolved = resolved
         self._period = resolved.planner.period
         self.ticks: list[TickRecord] = []
@@ -62,7 +65,7 @@ class GraspTrial:
             goals=None if source is None else goals,
         )
         self.goals = added[0] if added else self.diagram.GetSubsystemByName("pregrasp_planner")
-        self._simulator = make_simulator(self.diagram, resolved.scenario)
+        self._simulator = make_simulator(self.diagram, scenario)
         self.context = self._simulator.get_mutable_context()
         self.command(self.context, np.inf)
 
@@ -90,7 +93,7 @@ class GraspTrial:
             self.track(close_at)
             saved, ticks, records = self.context.Clone(), len(self.ticks), len(self.records)
             state = self.grasp(close_at)
-            yield grasp_outcome(close_at, self.records, self.statuses, state)
+            yield grasp_outcome(self.resolved, close_at, self.records, self.statuses, state)
             if close_at != closing_times[-1]:
                 self.context.SetTimeStateAndParametersFrom(saved)
                 self._simulator.Initialize()
@@ -103,13 +106,15 @@ class GraspTrial:
             self.statuses.append(self._status())
 
     def grasp(self, close_at: float) -> GraspState:
-        """Closes the hand, simulates until the hold or a failure, and returns the state."""
+        """Closes the hand, simulates until the end of the shake or a failure, returns the state."""
         self.command(self.context, close_at)
-        while self.context.get_time() < close_at + _LONGEST_GRASP:
+        phase, lasted = GraspPhase.TRACK, 0.0
+        while phase != GraspPhase.BACK_OFF and lasted < SHAKE_END - 1e-9:
             self._advance()
-            phase, since, *_ = self.records[-1].report
-            held = self.context.get_time() - since
-            if phase == GraspPhase.BACK_OFF or (phase == GraspPhase.HOLD and held >= _HOLD):
+            record = self.records[-1]
+            phase, since, *_ = record.report
+            lasted = record.time - since if phase == GraspPhase.HOLD else 0.0
+            if phase != GraspPhase.HOLD and record.time >= close_at + _LONGEST_GRASP:
                 break
         controller = self.diagram.GetSubsystemByName("hand_controller")
         sequencer = controller.GetSubsystemByName("grasp_sequencer")
