@@ -51,6 +51,8 @@ class Pair:
     def error(self, p_OC: FloatArray, nhat_OC: FloatArray) -> float:
         """Returns the distance of the second contact from its place, in metres.
 
+        It is infinite for contacts that should be opposite, but whose normals are not (`OPPOSITE`).
+
         Args:
             p_OC: All contacts, shape (n, 3), in metres.
             nhat_OC: Outward unit normals at the contacts, shape (n, 3).
@@ -58,6 +60,8 @@ class Pair:
         a, b = self.first, self.second
         if self.distance > 0:
             return abs(float(np.linalg.norm(p_OC[b] - p_OC[a])) - self.distance)
+        if nhat_OC[a] @ nhat_OC[b] > OPPOSITE:
+            return np.inf
         place = self.place(p_OC[a], nhat_OC[a], p_OC[b], nhat_OC[b])
         return float(np.linalg.norm(p_OC[b] - place))
 
@@ -90,13 +94,14 @@ class OppositePoints:
             b: Indices of second points.
 
         Returns:
-            Both in metres, in the common shape; errors beyond the tolerance are infinite.
+            Both in metres, in the common shape. Errors are infinite beyond the tolerance, and where
+            normals are not opposite (`OPPOSITE`).
         """
-        p_A, p_B = self._p[a], self._p[b]
-        place = pair.place(p_A, self._normals[a], p_B, self._normals[b])
-        off = np.linalg.norm(p_B - place, axis=-1)
+        (p_A, nhat_A), (p_B, nhat_B) = ((self._p[i], self._normals[i]) for i in (a, b))
+        off = np.linalg.norm(p_B - pair.place(p_A, nhat_A, p_B, nhat_B), axis=-1)
         width = np.maximum(np.linalg.norm(p_B - p_A, axis=-1), self._tolerance)
-        return np.where(off <= self._tolerance, off, np.inf), width
+        meets = (off <= self._tolerance) & (np.sum(nhat_A * nhat_B, axis=-1) < OPPOSITE)
+        return np.where(meets, off, np.inf), width
 
     def least_width(self, pair: Pair, up: FloatArray) -> float:
         """Returns the least distance of opposite points with normals across an axis, in metres.
@@ -107,5 +112,4 @@ class OppositePoints:
         """
         index = np.flatnonzero(np.abs(self._normals @ up) < -OPPOSITE)
         off, width = self.errors(pair, index[:, None], index)
-        faces = self._normals[index] @ self._normals[index].T < OPPOSITE
-        return float(np.min(width, where=faces & (off < np.inf), initial=np.inf))
+        return float(np.min(width, where=off < np.inf, initial=np.inf))

@@ -165,6 +165,25 @@ def test_pairs_keep_their_distance_and_the_second_its_region(surface, max_step):
     assert np.all(moved > 0.01)
 
 
+JAWS = Pair(first=0, second=1)
+
+
+@pytest.mark.parametrize("surface", [BALL, CAN, CUBE], ids=["ball", "can", "cube"])
+def test_opposite_contacts_stay_opposite_while_they_move(surface):
+    first = surface.project(np.array([[0.1, 0.03, 0.01]]))
+    second = surface.project(first[0] - 0.2 * first[1])[0]
+    p_OC = spread_contacts(surface, 4, 0.03, first=[first[0][0], second[0]])
+    moved = 0.0
+    for _, before, goals in wander(surface, p_OC, ContactLimits(pairs=(JAWS,)), 20):
+        (a, b), normals = goals.p_OC[:2], surface.project(goals.p_OC)[1]
+        line = (b - a) / np.linalg.norm(b - a)
+        assert max(normals[0] @ line, -normals[1] @ line) < -np.cos(np.radians(31))
+        mean = (normals[1] - normals[0]) / np.linalg.norm(normals[1] - normals[0])
+        assert np.linalg.norm(np.cross(b - a, mean)) <= JAWS.tolerance + 1e-12
+        moved += np.linalg.norm(goals.p_OC[1] - before[1])
+    assert moved > 0.005
+
+
 def test_pairs_keep_their_distance_when_one_of_them_has_to_leave():
     """Obstacles come and go, and a guard would hold the one that may stay."""
     p_OC = paired_contacts(CAN, 5)

@@ -16,10 +16,12 @@ from drake_pregrasp.quality.force_closure import (
     CONE_MODELS,
     LARGEST_LOAD,
     LEAST_MARGIN,
+    TORSIONAL_FRICTION,
     ferrari_canny,
     friction_cones,
     largest_load,
     min_weight_margin,
+    torsional_friction_of,
 )
 from drake_pregrasp.quality.grasp_quality import grasp_quality
 from drake_pregrasp.quality.margin_bounds import least_norm_margin, moved_least_norm_margin
@@ -311,3 +313,71 @@ def test_grasps_that_leave_a_wrench_out_are_not_certified():
     pair = CUBE[[0, 3]]
     assert least_norm_margin(pair, pair / 0.05, 0.7) == -np.inf
     assert least_norm_margin(pair, pair / 0.05, 0.7, model="soft_finger") == pytest.approx(1)
+
+
+PADS = np.array([[0.03, 0, 0], [-0.03, 0, 0]]), np.array([[1.0, 0, 0], [-1, 0, 0]])
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.005, 0.03])
+@pytest.mark.parametrize("friction", [0.3, 0.7])
+def test_two_pads_hold_a_weight_beside_them_by_the_limit_surface(offset, friction):
+    """Each pad carries half of weight and moment: |(t/mu, m/gamma)| = N at the largest load."""
+    torsional, weight, force = 0.004, 2.0, 10.0
+    load = largest_load(
+        *PADS,
+        friction,
+        wrench=np.array([0, 0, -weight, weight * offset, 0, 0]),
+        normal_forces=np.array([[1.0, 1.0], [force, force]]),
+        model="soft_finger",
+        torsional_friction=torsional,
+    )
+    expected = 2 * force / weight / np.hypot(1 / friction, offset / torsional)
+    assert load == pytest.approx(min(expected, LARGEST_LOAD), rel=1e-4)
+
+
+def test_a_soft_finger_without_torsional_friction_is_a_hard_one():
+    for seed in range(5):
+        r, nhat = on_box(seed, 4)
+        each = np.array([0.0, 0.004, 0.0, 0.006])
+        hard, mixed, soft = (
+            min_weight_margin(r, nhat, 0.5, model=model, torsional_friction=torsional)
+            for model, torsional in (
+                ("hard_finger", 0.0),
+                ("soft_finger", each),
+                ("soft_finger", 0.006),
+            )
+        )
+        assert hard <= mixed + 1e-7
+        assert mixed <= soft + 1e-7
+        none = min_weight_margin(r, nhat, 0.5, model="soft_finger", torsional_friction=0 * each)
+        assert none == pytest.approx(hard, abs=1e-6)
+        bound = moved_least_norm_margin(
+            r,
+            nhat,
+            0.5,
+            moved=1,
+            p_CoMQ=r[1:2],
+            nhat_Q=nhat[1:2],
+            model="soft_finger",
+            torsional_friction=each,
+        )
+        assert bound[0] <= mixed + 1e-7
+        other = each[[3, 0, 1, 2]], [3, 0, 1, 2]
+        turned = moved_least_norm_margin(
+            r[other[1]],
+            nhat[other[1]],
+            0.5,
+            moved=2,
+            p_CoMQ=r[1:2],
+            nhat_Q=nhat[1:2],
+            model="soft_finger",
+            torsional_friction=other[0],
+        )
+        np.testing.assert_allclose(bound, turned, atol=1e-9)  # The order does not matter.
+
+
+def test_the_moment_of_a_patch_grows_with_friction_and_radius():
+    radii = np.array([0.0, 0.005, 0.01])
+    found = torsional_friction_of(0.7, radii)
+    np.testing.assert_allclose(found, [0, TORSIONAL_FRICTION / 2, TORSIONAL_FRICTION], rtol=0.04)
+    np.testing.assert_allclose(torsional_friction_of(0.35, radii), found / 2)

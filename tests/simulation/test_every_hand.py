@@ -18,6 +18,7 @@ TEXT = "initial_contacts: [], hand: {file: package://drake_pregrasp/%s.yaml}, ob
 
 HELD = [
     ("allegro_hand", "box"),
+    ("gripper", "box"),
     ("three_finger_hand", "cylinder"),
     ("four_finger_hand", "box"),
     ("shadow_hand", "cylinder"),

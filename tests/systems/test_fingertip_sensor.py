@@ -9,7 +9,7 @@ from made_systems import HAND, NQ, N
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
-from drake_pregrasp import InvalidArgumentError
+from drake_pregrasp import HandModel, InvalidArgumentError, load_hand
 from drake_pregrasp.systems.fingertip_sensor import FingertipSensor
 from drake_pregrasp.systems.hand_kinematics import HandKinematics
 
@@ -42,6 +42,18 @@ def test_a_stretched_finger_shows_no_force_that_its_torques_hide(curl):
     J = sensor.array("J_WT").reshape(N, 3, NQ)
     sensor.fix(net_actuation=np.einsum("nij,ni->j", J, across))
     np.testing.assert_allclose(sensor.array("f_T_W").reshape(N, 3), across, atol=1e-6)
+
+
+def test_a_finger_of_one_joint_feels_the_force_along_its_motion_alone():
+    gripper = HandModel(load_hand("package://drake_pregrasp/gripper.yaml"))
+    q = gripper.home(np.array([0.1, -0.05, 0.05]), 0.4)
+    pressed = FORCES[:2]
+    J = gripper.kinematics.pose(q).J_WT
+    torques = np.einsum("nij,ni->j", J, pressed)
+    inputs = {"hand_state": np.append(q, 0 * q), "net_actuation": torques}
+    felt = Driven(FingertipSensor(gripper.kinematics), **inputs).array("f_T_W").reshape(2, 3)
+    line = np.array([np.cos(0.4), np.sin(0.4), 0.0])
+    np.testing.assert_allclose(felt, np.outer(pressed @ line, line), atol=1e-6)
 
 
 LINK = """<link name="{}"><inertial><mass value="1"/>

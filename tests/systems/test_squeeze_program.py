@@ -117,3 +117,32 @@ def test_bad_arguments_are_refused():
         squeeze(least=-1)
     with pytest.raises(InvalidArgumentError, match="not 5 and 4 N"):
         squeeze(least=5, largest=4)
+
+
+PADS = np.array([[0.03, 0, 0], [-0.03, 0, 0]])
+BESIDE = np.array([0, 0, -2.0, 0.02, 0, 0])
+"""Weight 10 mm beside the line through both pads."""
+
+
+def test_two_soft_fingers_hold_a_weight_beside_them_with_the_least_force():
+    radius = 0.01
+    planned = squeeze(PADS, PADS / 0.03, BESIDE, least=0.5, patch_radii=np.full(2, radius))
+    assert planned.residual < 1e-3
+    # Each pad carries half of weight and moment, on its preferred cone.
+    torsion = 0.01 / (3 * np.pi / 16 * radius)
+    expected = np.hypot(1.0, torsion) / (PREFERRED_SHARE * 0.5)
+    normal, along = split(planned.forces, PADS / 0.03)
+    np.testing.assert_allclose(normal, expected, rtol=1e-2)
+    np.testing.assert_allclose(along, 1.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("radii", [None, np.zeros(2)])
+def test_two_hard_fingers_do_not_hold_a_weight_beside_them(radii):
+    planned = squeeze(PADS, PADS / 0.03, BESIDE, patch_radii=radii)
+    assert planned.residual > 0.3
+    assert planned.lack == GiveUp.OUT_OF_BALANCE
+
+
+def test_soft_fingers_lack_force_for_a_large_moment():
+    planned = squeeze(PADS, PADS / 0.03, 8 * BESIDE, largest=10.0, patch_radii=np.full(2, 0.005))
+    assert planned.lack == GiveUp.NEEDS_FORCE

@@ -1,0 +1,43 @@
+"""Places of paired contacts, and points that are opposite each other."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from drake_pregrasp.contacts.contact_pairs import OppositePoints, Pair
+from drake_pregrasp.geometry.mesh_surface import mesh_surface
+from drake_pregrasp.geometry.shapes import box_shape
+
+RNG = np.random.default_rng(0)
+NORMALS = np.array([[1.0, 0.1, 0.0], [-1.0, 0.1, 0.0]]) / np.hypot(1, 0.1)
+JAWS, COUPLED = Pair(first=0, second=1), Pair(first=0, second=1, distance=0.07)
+
+
+@pytest.mark.parametrize("pair", [JAWS, COUPLED])
+def test_at_its_place_the_second_contact_has_no_error(pair):
+    for p_OC in RNG.normal(scale=0.1, size=(20, 2, 3)):
+        place = pair.place(p_OC[0], NORMALS[0], p_OC[1], NORMALS[1])
+        assert pair.error(np.array([p_OC[0], place]), NORMALS) == pytest.approx(0, abs=1e-12)
+        to_place = np.linalg.norm(place - p_OC[1])
+        assert pair.error(p_OC, NORMALS) == pytest.approx(to_place)
+        R = Rotation.random(random_state=1).as_matrix()
+        turned = pair.place(R @ p_OC[0], R @ NORMALS[0], R @ p_OC[1], R @ NORMALS[1])
+        np.testing.assert_allclose(turned, R @ place, atol=1e-12)
+
+
+def test_opposite_contacts_are_on_a_line_along_the_mean_of_their_normals():
+    p_OC = np.array([[0.04, 0.0, 0.01], [-0.04, 0.003, 0.005]])
+    place = JAWS.place(p_OC[0], NORMALS[0], p_OC[1], NORMALS[1])
+    np.testing.assert_allclose(place, [-0.04, 0.0, 0.01], atol=1e-12)
+
+
+def test_contacts_at_one_point_are_at_no_distance():
+    assert COUPLED.error(np.zeros((2, 3)), NORMALS) == pytest.approx(0.07)
+
+
+def test_the_least_width_across_an_axis_is_that_of_the_box():
+    size = np.array([0.08, 0.05, 0.03])
+    surface = mesh_surface(box_shape(size), spacing=0.008)
+    points = OppositePoints(surface.p_OQ, surface.nhat_OQ, 0.004)
+    for axis, least in enumerate([0.03, 0.03, 0.05]):
+        assert points.least_width(JAWS, np.eye(3)[axis]) == pytest.approx(least, abs=1e-6)
