@@ -32,12 +32,14 @@ class Lack(StrEnum):
     """Property that a grasp needs and that is missing.
 
     Attributes:
+        ARM: The palm cannot be held where fingers could grasp.
         REACH: Too few fingers reach the allowed surface.
         OPENING: Fingers reach the object, but not two opposite sides of it at once.
         ROOM: Fingertips in reach have no room beside each other, obstacles and the object.
         FRICTION: Contacts have no force closure, or do not hold the weight.
     """
 
+    ARM = "arm reach"
     REACH = "reach"
     OPENING = "opening"
     ROOM = "room"

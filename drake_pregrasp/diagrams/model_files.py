@@ -48,7 +48,10 @@ MAX_OTHERS = 300
 """Largest number of joints; and of actuators, frames, constraints and filters, of each kind."""
 
 MAX_TRIANGLES = 100_000
-"""Largest number of triangles of all mesh files of a model together."""
+"""Largest number of triangles of all mesh files of a model together, except visual ones."""
+
+MAX_VISUAL_TRIANGLES = 500_000
+"""Largest number of triangles of all visual meshes that are shown; others are left out."""
 
 MAX_CELLS = 1000
 """Largest number of cells into which Drake splits a model's hydroelastic geometries: the sum of
@@ -126,6 +129,10 @@ def _stamps(files: Sequence[Path]) -> list[tuple[int, int]]:
     return [(stat.st_mtime_ns, stat.st_size) for stat in found]
 
 
+class _NotShownError(Exception):
+    """A visual mesh is of an unknown format or too large to be shown."""
+
+
 class _Copier:
     """Copies a model once.
 
@@ -140,7 +147,8 @@ class _Copier:
         self._folder, self._strips_path = model.parent, False  # Of the names of meshes.
         self._counts: Counter[str] = Counter()
         self._cells = 0.0
-        self._meshes: dict[Path, Path] = {}
+        self._meshes: dict[tuple[Path, bool], Path] = {}  # By path, and whether it is visual.
+        self._is_visual = False
         self._faces: dict[str, int] = {}  # By URI.
         self._files = [model]
         self._left_out: set[str] = set()
@@ -163,7 +171,7 @@ class _Copier:
         self._fill(copied, root)
         if self._left_out and not self._model.is_relative_to(resource_folder("models")):
             logging.getLogger(__name__).warning(
-                "%s: these elements are left out, because a hand does not need them: %s",
+                "%s: this is left out, because a hand does not need it: %s",
                 self._model,
                 printable(", ".join(sorted(self._left_out)), MAX_VALUE),
             )
@@ -209,7 +217,16 @@ class _Copier:
             self._counts[what] += 1
             if self._counts[what] > most:
                 raise self._error(f"has more than {most} {what}; leave some out")
-            self._fill(ElementTree.SubElement(copied, tag), child)
+            part = ElementTree.SubElement(copied, tag)
+            self._is_visual |= tag == "visual"
+            try:
+                self._fill(part, child)
+            except _NotShownError as error:
+                if tag != "visual":
+                    raise
+                copied.remove(part)
+                self._left_out.add(str(error))
+            self._is_visual &= tag != "visual"
         if copied.tag == "mesh":
             self._copy_mesh(copied, element)
         if copied.tag == "collision":
@@ -230,9 +247,10 @@ class _Copier:
         if not name:  # As among the defaults of MJCF.
             return
         path = real_path(self._located(name))
-        if path not in self._meshes:
-            self._meshes[path] = self._write_mesh(name, path)
-        written = self._meshes[path]
+        use = path, self._is_visual
+        if use not in self._meshes:
+            self._meshes[use] = self._write_mesh(name, path)
+        written = self._meshes[use]
         if key:
             copied.set(key, str(written) if self._kind == "xml" else written.as_uri())
         else:
@@ -251,22 +269,32 @@ class _Copier:
         try:
             check_inside(path, self._allowed)
             if path.suffix.lower() not in MESH_SUFFIXES:
+                if self._is_visual:
+                    raise _NotShownError(f"visual {path.name}")
                 raise InvalidArgumentError(f"it must be one of: {', '.join(MESH_SUFFIXES)}")
             files = [path, *companions(path)]
             self._files += files
-            self._counts["bytes"] += sum(file.stat().st_size for file in files if file.is_file())
-            if self._counts["bytes"] > MAX_PART_BYTES:
-                raise InvalidArgumentError(f"all meshes have more than {MAX_PART_BYTES} bytes")
+            size = sum(file.stat().st_size for file in files if file.is_file())
+            self._check_sum("bytes", size, MAX_PART_BYTES)
             pieces = read_pieces(path, colors=True)
             faces = sum(len(piece.mesh.faces) for piece in pieces)
-            self._counts["faces"] += faces
-            if self._counts["faces"] > MAX_TRIANGLES:
-                raise InvalidArgumentError(f"all meshes have more than {MAX_TRIANGLES} triangles")
+            if not self._is_visual:
+                self._check_sum("triangles", faces, MAX_TRIANGLES)
+            elif self._counts["visual triangles"] + faces > MAX_VISUAL_TRIANGLES:
+                raise _NotShownError(f"visual {path.name} of {faces} triangles")
+            else:
+                self._counts["visual triangles"] += faces
         except (InvalidArgumentError, OSError) as error:
             raise self._error(f"names {name}: {error}") from error
         written = write_obj(pieces, Path(tempfile.mkdtemp(dir=copies_folder())) / "mesh.obj")
         self._faces[written.as_uri()] = faces
         return written
+
+    def _check_sum(self, unit: str, count: int, most: int) -> None:
+        self._counts[unit] += count
+        if self._counts[unit] > most:
+            found = f"{self._counts[unit]} {unit} up to here"
+            raise InvalidArgumentError(f"all meshes together have {found}; at most {most}")
 
     def _check_cells(self, collision: Element) -> None:
         """Refuses hydroelastic geometries that Drake would split into too many cells."""

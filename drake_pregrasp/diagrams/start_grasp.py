@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
@@ -15,7 +16,7 @@ from drake_pregrasp.contacts.assignment import assign_fingers_round, make_room, 
 from drake_pregrasp.contacts.hand_over_object import HandOverObject, StartContacts
 from drake_pregrasp.contacts.start_contacts import choose_start_contacts
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.errors import InvalidArgumentError, Lack, NoGraspError
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.clearances import LINK_CLEARANCE
@@ -23,6 +24,8 @@ from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
 from drake_pregrasp.regions.finger_measures import FingerMeasures
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 from drake_pregrasp.systems.palm_frames import reach_frame
+
+_PALM_YAWS = 13  # Yaws at which the palm is checked if there is no grasp.
 
 
 def _start_constraints(
@@ -108,7 +111,8 @@ def start_contacts_of(
     measures = hand.finger_measures(surface) if np.any(limits.least_measures()) else None
     yaw_range = hand.yaw_range(config.yaw_range)
 
-    return choose_start_contacts(
+    return _contacts_or_reason(
+        partial(_palm_problem, hand, config, poses, p_OCoM),
         surface,
         solid,
         HandOverObject(
@@ -127,13 +131,40 @@ def start_contacts_of(
             patch_radii=hand.description.patch_radii,
             pairs=tuple(limits.pairs),
             opening=hand.opening - 2 * config.standoff,
-            holds_palm=lambda yaw: _holds_palm(hand, config, poses, p_OCoM, yaw),
+            holds_palm=lambda yaw: not _palm_problem(hand, config, poses, p_OCoM, yaw),
             in_workspace=lambda yaw, p_OT: hand.in_workspace((p_OT - p_OA) @ R_OA @ _turned(yaw)),
             clearance_weight=float(
                 hand.X_LA.IsExactlyIdentity()
             ),  # Fingers from the side reach around.
         ),
     )
+
+
+def _contacts_or_reason(
+    palm_problem: Callable[[float], str],
+    surface: ObjectSurface,
+    solid: SignedDistance,
+    hand: HandOverObject,
+) -> StartContacts:
+    """Returns the start contacts of a hand, or raises an error that names the arm if it is at fault.
+
+    It is if it holds the palm at no yaw, or if there are contacts for a palm without an arm.
+    """
+    try:
+        return choose_start_contacts(surface, solid, hand)
+    except NoGraspError as error:
+        tried = np.unique(np.clip(np.linspace(-np.pi, np.pi, _PALM_YAWS), *hand.yaw_range))
+        problems = [palm_problem(yaw) for yaw in sorted(tried.tolist(), key=abs)]
+        missed = [problem for problem in problems if problem]
+        if not missed:
+            raise
+        detail = missed[0]
+        if held := len(problems) - len(missed):
+            choose_start_contacts(surface, solid, replace(hand, holds_palm=lambda yaw: True))
+            detail = (
+                f"of {len(problems)} yaws, the palm is held at {held}, without a grasp: {detail}"
+            )
+        raise NoGraspError(Lack.ARM, detail) from error
 
 
 def _given_contacts(
@@ -159,8 +190,8 @@ def _given_contacts(
     hand.check_contacts(p_OC, surface.project(p_OC)[1])
     yaw = palm_turn(p_AC, hand.azimuths, 0.0, yaw_range)
     # From above, an arm is checked along the path, by a message that tells the time.
-    if not (X_LA.IsExactlyIdentity() or _holds_palm(hand, config, poses, p_OCoM, yaw)):
-        problem = "the arm does not hold the palm there, or fingers at home do not clear the table"
+    problem = "" if X_LA.IsExactlyIdentity() else _palm_problem(hand, config, poses, p_OCoM, yaw)
+    if problem:
         raise InvalidArgumentError(f"{problem}, with a palm from the side at these contacts")
     constraints = _start_constraints(hand, limits, X_WO, fixed, yaw_range, p_OCoM)(yaw)
     R_OA = R_WO.T @ X_LA.rotation().matrix()
@@ -290,20 +321,23 @@ def check_palm(
             hand.home(X_WO @ p_OCoM + place, turned)
 
 
-def _holds_palm(
+def _palm_problem(
     hand: HandModel,
     config: GraspConfig,
     path: Sequence[RigidTransform],
     p_OCoM: FloatArray,
     yaw: float,
-) -> bool:
+) -> str:
+    """Returns why a hand cannot hold its palm at a yaw along a path; empty if it can."""
     try:
         check_palm(hand, config, path, p_OCoM, yaw)
-    except InvalidArgumentError:
-        return False
+    except InvalidArgumentError as error:
+        return str(error)
     height = float((path[0] @ p_OCoM + hand.X_LA.translation())[2])
-    is_above = hand.X_LA.rotation().IsExactlyIdentity()
-    return is_above or hand.side_depth(yaw) + LINK_CLEARANCE <= height
+    needed = hand.side_depth(yaw) + LINK_CLEARANCE
+    if hand.X_LA.rotation().IsExactlyIdentity() or needed <= height:
+        return ""
+    return f"fingers at home need a palm {needed:.3g} m over the table, and it is at {height:.3g} m"
 
 
 def _turned(yaw: float) -> FloatArray:
