@@ -21,6 +21,11 @@ TIP_COLORS = (
     "0.337 0.706 0.914",
 )
 
+PALM_HEAD = """<?xml version="1.0"?>
+<!-- Written by make_hand.py. The hand of {name}.sdf, whose comment explains it, without carrier. -->
+<sdf version="1.9" xmlns:drake="http://drake.mit.edu">
+  <model name="hand">
+"""
 HEAD = """<?xml version="1.0"?>
 <!-- Written by make_hand.py. A radial hand of {number} fingers on a carrier of four axes: it slides
      along x, y and z of the world and turns about z. Each finger hangs from a knuckle at the palm's
@@ -286,6 +291,9 @@ def main() -> None:
         model = HEAD.format(number=number) + palm + fingers + TAIL
         (FOLDER / f"{name}.sdf").write_text(model, encoding="utf-8")
         (FOLDER / f"{name}.yaml").write_text(description(name, azimuths), encoding="utf-8")
+    palm = link("palm", radial_palm(), mass=0.6, length=0.02, radius=0.056)
+    model = PALM_HEAD.format(name=name) + palm + fingers + TAIL
+    (FOLDER / "five_finger_palm.sdf").write_text(model, encoding="utf-8")
 
 
 if __name__ == "__main__":

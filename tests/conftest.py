@@ -133,9 +133,10 @@ def lacking_shadow() -> str:
 
 
 LACKING_HANDS = {
-    "allegro_hand": lacking_robots(),
-    "allegro_panda": lacking_robots(),
+    **{f"allegro_{base}": lacking_robots() for base in ("hand", "panda", "ur5", "xarm7")},
+    "five_finger_panda": lacking_robots(),
     "shadow_hand": lacking_shadow(),
+    "shadow_panda": lacking_robots() or lacking_shadow(),
 }
 """What shipped hands lack, in words, by their names."""
 

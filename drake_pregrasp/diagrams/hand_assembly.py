@@ -47,6 +47,7 @@ def assemble_hand(
             no drive, or two.
     """
     plant = hand.plant
+    _drop_second_welds(hand)
     for locked in description.locked:
         joint = hand.joint(locked.joint, "locked")
         ends, X = (joint.frame_on_parent(), joint.frame_on_child()), _moved(joint, locked.position)
@@ -76,6 +77,16 @@ def assemble_hand(
     for index in named:
         name = plant.get_joint(index).name()
         raise InvalidArgumentError(f"drives: joint {name} does not move with the hand")
+
+
+def _drop_second_welds(hand: HandInstances) -> None:
+    """Removes welds to the world, as of links in an MJCF, from links that hang on another one."""
+    joints, world = list(hand.joints()), hand.plant.world_body()
+    for joint in joints:
+        if isinstance(joint, WeldJoint) and joint.parent_body() is world:
+            others = [other for other in joints if other.child_body() is joint.child_body()]
+            if any(other.parent_body() is not world for other in others):
+                hand.plant.RemoveJoint(joint)
 
 
 def _place_base(hand: HandInstances, X_WB: RigidTransform) -> None:

@@ -146,9 +146,9 @@ def _contacts_or_reason(
     solid: SignedDistance,
     hand: HandOverObject,
 ) -> StartContacts:
-    """Returns the start contacts of a hand, or raises an error that names the arm if it is at fault.
+    """Returns the start contacts of a hand, or raises an error that says what is missing.
 
-    It is if it holds the palm at no yaw, or if there are contacts for a palm without an arm.
+    It is the arm's reach if the palm is held at no yaw, or if only that prevents a grasp.
     """
     try:
         return choose_start_contacts(surface, solid, hand)

@@ -133,7 +133,7 @@ def test_where_the_arm_does_not_reach_is_said_before_it_moves(hand):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("link_3.0_tip", "tip", r"hand has no frame tip; there are: panda_link0, [^_]*(?!_parent)"),
+        ("link_3.0_tip", "tip", r"there is no frame tip; there are: panda_link0, [^_]*(?!_parent)"),
         ("palm: palm_link", "palm: hand", r"base.palm: there is no frame hand; there are: panda_"),
         ("panda_joint7]", "panda_joint8]", r"base.joints: panda_joint8 is weld; it must"),
         ("home: [0.0, -0.3,", "home: [9.0, -0.3,", r"base.home: 9 of panda_joint1 must be from"),

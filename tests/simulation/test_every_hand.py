@@ -22,6 +22,10 @@ HELD = [
     ("three_finger_hand", "cylinder"),
     ("four_finger_hand", "box"),
     ("shadow_hand", "cylinder"),
+    ("allegro_ur5", "box"),
+    ("allegro_xarm7", "box"),
+    ("five_finger_panda", "box"),
+    ("shadow_panda", "box"),
 ]
 OTHERS = [
     pytest.param(*hand.values, name, marks=hand.marks)
@@ -57,7 +61,7 @@ def test_each_hand_takes_each_object_or_says_what_is_missing(hand, name):
 def test_hands_hold_what_they_lift(hand, name, tmp_path):
     if lack := LACKING_HANDS.get(hand, ""):
         pytest.skip(lack)
-    base = "grasp_shadow" if hand == "shadow_hand" else "grasp_five_finger"
+    base = "grasp_shadow" if hand.startswith("shadow") else "grasp_five_finger"
     grasp = run_text(base, TEXT % (hand, OBJECTS[name]), tmp_path).summary["grasp"]
     assert (grasp["phase"], grasp["gave_up"]) == ("hold", None)
     assert grasp["lift_height_mm"] > 95
