@@ -3,7 +3,10 @@
 import re
 
 import pytest
+import trimesh
 from pages import DOCS
+
+import drake_pregrasp as dp
 
 nbformat = pytest.importorskip("nbformat", reason="needs the extra docs")
 NOTEBOOK = DOCS / "notebooks" / "tour.ipynb"
@@ -22,13 +25,27 @@ def read_notebook():
 
 
 @pytest.mark.slow
-def test_the_notebook_runs_from_a_cube_to_ones_own_controller(monkeypatch):
+def test_the_notebook_runs_from_a_cube_to_a_hand_that_lifts(monkeypatch):
     client = pytest.importorskip("nbclient", reason="needs the extra docs")
     monkeypatch.setenv("PYDEVD_DISABLE_FILE_VALIDATION", "1")
     notebook, folder = read_notebook(), str(NOTEBOOK.parent)
     client.NotebookClient(notebook, resources={"metadata": {"path": folder}}).execute()
     outputs = "".join(str(cell.get("outputs", "")) for cell in notebook.cells)
-    assert outputs.count("<iframe srcdoc=") == 3
+    assert outputs.count("<iframe srcdoc=") == 4
     assert "'image/png'" in outputs
     late, ahead = map(float, re.findall(r"are up to ([\d.]+) mm off", outputs))
     assert late > 3 > 1 > ahead
+    assert "'phase': 'hold', 'gave_up': None" in outputs
+
+
+@pytest.mark.slow
+def test_the_exercise_has_the_solution_that_the_notebook_gives(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (lift,) = [cell.source for cell in read_notebook().cells if "def lift(" in cell.source]
+    trimesh.creation.cylinder(radius=40, height=105, sections=6).export("mine.stl")
+    names = {"folder": tmp_path, "dp": dp}
+    exec(lift.partition("\n\n\nresult =")[0], names)
+    heavy = names["lift"](2.0).summary["grasp"]
+    assert "at the largest torque of a joint" in heavy["gave_up"]
+    with pytest.raises(dp.ScenarioError, match=r"hold 30 N with friction 0.5; .* weighs 39.2 N"):
+        names["lift"](4.0)
