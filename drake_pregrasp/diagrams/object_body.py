@@ -7,6 +7,7 @@ itself, and so do links of a hand if the object is not convex: its hull would fi
 """
 
 from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 import trimesh
@@ -60,6 +61,8 @@ HULL, SURFACE = "hull", "surface"
 
 _COLOR = np.array([0.78, 0.80, 0.83, 1.0])
 _DIGITS = 12  # Digits of coordinates in the OBJ text of a mesh for Drake.
+_LEAST_AREA = 1e-10  # Of a hull's triangle, in m²: twice what Drake needs for a plane.
+_LEAST_SHARE = 1e-5  # The same as a share of the hull's extent squared, for a small hull.
 _MANY_CORNERS = 6  # So many corners give four points of contact that are not in a line.
 _RESTING_DEPTH = 5e-6  # Of an object on its widest face, in metres. Stiffer objects rock.
 _RESOLUTION = 0.1  # Drake requires it, but a hull is not tessellated.
@@ -111,7 +114,7 @@ def add_object(
     for properties in (compliant, rigid):
         coulomb = CoulombFriction(friction, friction)
         AddContactMaterial(dissipation=DISSIPATION, friction=coulomb, properties=properties)
-    hull = shape.mesh.convex_hull
+    hull = _contact_hull(shape.mesh)
     modulus = _hull_modulus(hull, mass)
     AddCompliantHydroelasticProperties(_RESOLUTION, modulus, compliant)
     AddRigidHydroelasticProperties(rigid)
@@ -140,6 +143,20 @@ def _mesh_data(mesh: trimesh.Trimesh) -> InMemoryMesh:
     """Returns a mesh for Drake, with normals."""
     text = mesh.export(file_type="obj", digits=_DIGITS, include_normals=True)
     return InMemoryMesh(mesh_file=MemoryFile(text, ".obj", "object.obj"))
+
+
+def _contact_hull(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Returns the convex hull of a mesh without triangles that are too thin for Drake."""
+    hull = cast(trimesh.Trimesh, mesh.convex_hull)
+    least = min(_LEAST_AREA, _LEAST_SHARE * float(np.max(hull.extents)) ** 2)
+    while np.any(thin := hull.area_faces < least):
+        edges = np.linalg.norm(hull.triangles - np.roll(hull.triangles, 1, axis=1), axis=2)[thin]
+        # The corner opposite the longest edge is on this edge.
+        middle = hull.faces[thin][np.arange(len(edges)), np.argmax(edges, axis=1) - 2]
+        hull = cast(
+            trimesh.Trimesh, trimesh.convex.convex_hull(np.delete(hull.vertices, middle, axis=0))
+        )
+    return hull
 
 
 def _hull_faces(hull: trimesh.Trimesh) -> list[IntArray]:

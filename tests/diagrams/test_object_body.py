@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import trimesh
 from pydrake.geometry import Capsule
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import (
@@ -20,6 +21,7 @@ from drake_pregrasp.config.object_config import Ball, Box, Conveyor, Cylinder, M
 from drake_pregrasp.diagrams.object_body import add_object, resting_position
 from drake_pregrasp.diagrams.object_plant import add_moving_object
 from drake_pregrasp.geometry.random_objects import object_url
+from drake_pregrasp.geometry.shapes import mesh_shape
 from drake_pregrasp.resources import resource_folder
 
 OBJECTS = {
@@ -149,3 +151,26 @@ def test_faces_that_are_almost_flat_make_a_body_too():
         plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.01)
         body = add_object(plant, Mesh(object_url(index)).make_shape(), 0.3)
         assert len(scene_graph.model_inspector().GetAllGeometryIds()) >= 3, body.name()
+
+
+@pytest.mark.parametrize("seed", [14, 33, 139, 210])
+def test_thin_triangles_of_a_hull_do_not_stop_the_simulation(seed):
+    # A box with more vertices, which rounding moves off its faces and edges by 4 nm.
+    rng = np.random.default_rng(seed)
+    corners = [[x, y, z] for x in (-0.03, 0.05) for y in (-0.05, 0.05) for z in (-0.05, 0.05)]
+    on_edges = [[0.05, rng.uniform(-0.05, 0.05), 0.05] for _ in range(2)]
+    on_edges += [[0.05, 0.05, rng.uniform(-0.05, 0.05)] for _ in range(2)]
+    points = np.vstack([corners, on_edges]).astype(np.float32).astype(float)
+    points += rng.choice([0, 4e-9, -4e-9], (12, 3)) * [0, 1, 1]
+    mesh = trimesh.convex.convex_hull(points)
+    assert np.min(mesh.area_faces) < 5e-11
+    # The thin triangle is at x = 0.05: there it lies on the table.
+    shape = mesh_shape(mesh, "box").turned(
+        RollPitchYaw(0, np.pi / 2, 0).ToRotationMatrix().matrix()
+    )
+    config = MultibodyPlantConfig(time_step=0.01)
+    plant = ObjectPlant(Box(), Conveyor(), config, shape=shape)
+    simulator = Simulator(plant)
+    simulator.AdvanceTo(0.05)
+    z = plant.GetOutputPort("X_WO").Eval(simulator.get_context()).translation()[2]
+    assert z == pytest.approx(0.05, abs=1e-5)
