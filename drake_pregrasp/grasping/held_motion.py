@@ -1,4 +1,4 @@
-"""Motion of an object that a hand has gripped, by the kinematics of its fingertips."""
+"""Motion of an object that a hand has gripped: an admittance that yields to its push."""
 
 from dataclasses import dataclass, replace
 
@@ -7,30 +7,36 @@ import numpy as np
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.geometry.rotations import rotation_matrix
 
-# Gains of the alpha-beta-gamma filter (Bar-Shalom, Li and Kirubarajan, section 6.5) for the pose,
-# the twist and the acceleration. Fingertips follow G in turn: with a larger gain of the
-# acceleration, an arm, whose drives yield, swings with the object. The acceleration fades, because
-# fingertips that follow G cannot contradict it.
-_ALPHA, _BETA, _GAMMA, _FADING = 0.8, 0.9, 0.2, 0.9
+COMPLIANCE = 0.8
+"""Ratio K h/D of the fingers' stiffness K and the damping D, with the control period h."""
+
+INVERTANCE = 0.9
+"""Ratio K h²/M of the fingers' stiffness K and the virtual mass M, with the control period h."""
+
+FRICTION_SHARE = 0.5
+"""Share of the table's friction on the object that does not move G; the rest accelerates G."""
+
+TETHER = 0.005
+"""Largest distance of G from the estimate of an object that is tracked, in metres."""
 
 
 @dataclass(frozen=True, eq=False)
 class HeldMotion:
-    """Motion of a frame G in W at one time; twist and acceleration have their angular part first.
+    """Motion of a frame G in W at one time.
 
     Attributes:
         time: Time in seconds.
         R_WG: Orientation of G in W, shape (3, 3).
         p_WG: Position of G in W, shape (3,), in metres.
         V_WG: Angular velocity, and velocity of the origin of G, shape (2, 3), in rad/s and m/s.
-        A_WG: Angular and linear acceleration, shape (2, 3), in rad/s² and m/s².
+        V_WB: Twist of the belt B under the object when the fingers touched it, shape (2, 3).
     """
 
     time: float
     R_WG: FloatArray
     p_WG: FloatArray
     V_WG: FloatArray
-    A_WG: FloatArray
+    V_WB: FloatArray
 
     @staticmethod
     def at_rest() -> "HeldMotion":
@@ -38,13 +44,8 @@ class HeldMotion:
         return HeldMotion(0.0, np.eye(3), np.zeros(3), np.zeros((2, 3)), np.zeros((2, 3)))
 
     def at(self, time: float) -> "HeldMotion":
-        """Returns the motion at another time, with the same acceleration."""
-        dt = time - self.time
-        return self._displaced(dt * self.V_WG + dt**2 / 2 * self.A_WG, time, dt * self.A_WG)
-
-    def without_acceleration(self) -> "HeldMotion":
-        """Returns the motion with zero acceleration."""
-        return replace(self, A_WG=np.zeros((2, 3)))
+        """Returns the motion at another time, with the same twist."""
+        return self._displaced((time - self.time) * self.V_WG, time)
 
     def stopping(self, time: float, duration: float) -> "HeldMotion":
         """Returns the motion at a later time, with constant deceleration to rest.
@@ -53,34 +54,59 @@ class HeldMotion:
             time: Time in seconds.
             duration: Duration of the deceleration in seconds, above 0.
         """
-        braking = replace(self, A_WG=-self.V_WG / duration)
-        return braking.at(min(time, self.time + duration))
+        s = min(1.0, (time - self.time) / duration)
+        stopped = self._displaced(duration * (s - s**2 / 2) * self.V_WG, time)
+        return replace(stopped, V_WG=(1 - s) * self.V_WG)
 
-    def following(
-        self, p_WT: FloatArray, p_GT: FloatArray, since: float, period: float
+    def yielding(
+        self, f: FloatArray, stiffness: float, friction: float, since: float, period: float
     ) -> "HeldMotion":
-        """Returns the motion, corrected by fingertips that stick to an object on a table.
+        """Returns the motion after a push by the object, as that of a mass on the belt.
 
-        G follows the mean horizontal shift of the fingertips. Turns and tilts stay as they were:
-        those of the fingertips look like the strain of fingers of unequal stiffness, and a G that
-        followed a strain would increase it, and turn or tip the object without end. The object
-        stands on a table, so a vertical shift is not a motion either: G sinks where fingers would
-        lift the object, and it does not rise.
+        In the horizontal plane, with the velocity v relative to the belt, the push F, the friction
+        F₀ and the period h, it is the admittance 1/(M s) + 1/D with Coulomb friction (Moreau's time
+        step):
+
+            p⁺ = p + (h/D) max(0, 1 - F₀/|F|) F
+            v⁺ = max(0, 1 - h F₀/(M |u|)) u   with  u = v + (h/M) F
+
+        Its energy is at most the work of F on it, which moves it in each period by p⁺ - p + h v⁺.
+        `COMPLIANCE` and `INVERTANCE` state D and M. With fingertips that stick to something fixed,
+        F = -K p is stable for 0 < K h/D < 2 and K h²/M < 4 - 2 K h/D.
+
+        G does not turn beside the belt: turns and tilts of the fingertips look like the strain of
+        fingers of unequal stiffness. The object stands on the table, so a vertical push is not a
+        motion either: G sinks where fingers would lift the object, and it does not rise.
 
         Args:
-            p_WT: Centres of the fingertips in W, shape (k, 3), in metres.
-            p_GT: Their goals in G, shape (k, 3), in metres.
-            since: Seconds since the last correction, which this one replaces up to `period`.
-            period: Seconds between corrections.
+            f: Force of the object on the fingertips beyond what is commanded, in W, shape (3,), in
+                newtons.
+            stiffness: Horizontal stiffness K of all fingertips that feel it, in N/m.
+            friction: Largest horizontal force F₀ that does not move G on the belt, in newtons.
+            since: Seconds since the last push, which this one replaces up to `period`.
+            period: Seconds h between pushes.
         """
-        x, y, z = np.mean(p_WT - self.p_WG - p_GT @ self.R_WG.T, axis=0)
-        level = np.array([np.zeros(3), [x, y, 0.0]])
-        e = np.array([np.zeros(3), [x, y, min(z, 0.0)]])
         share = min(1.0, since / period)
-        fading = 1 - share * (1 - _FADING)
-        corrected = replace(self, A_WG=fading * self.A_WG + share * _GAMMA / period**2 * level)
-        return corrected._displaced(share * _ALPHA * e, self.time, share * _BETA / period * level)
+        x, y, z = f / stiffness
+        level, slack = np.array([x, y, 0.0]), friction / stiffness
+        e = level * max(0.0, 1 - slack / max(np.hypot(x, y), 1e-12)) + [0.0, 0.0, min(z, 0.0)]
+        rate = share * INVERTANCE / period
+        u = self.V_WG[1] - self.V_WB[1] + rate * level
+        v = u * max(0.0, 1 - rate * slack / max(float(np.linalg.norm(u)), 1e-12))
+        moved = self._displaced(share * COMPLIANCE * np.array([np.zeros(3), e]), self.time)
+        return replace(moved, V_WG=np.array([self.V_WG[0], self.V_WB[1] + v]))
 
-    def _displaced(self, e: FloatArray, time: float, dV: FloatArray) -> "HeldMotion":
+    def within(self, p_W: FloatArray, distance: float) -> "HeldMotion":
+        """Returns the motion with the origin of G brought back to a distance from a point.
+
+        Args:
+            p_W: The point in W, shape (3,), in metres.
+            distance: Largest distance, in metres.
+        """
+        away = self.p_WG - p_W
+        share = min(1.0, distance / max(float(np.linalg.norm(away)), 1e-12))
+        return self if share == 1.0 else replace(self, p_WG=p_W + share * away)
+
+    def _displaced(self, e: FloatArray, time: float) -> "HeldMotion":
         R_WG = rotation_matrix(e[0]) @ self.R_WG
-        return HeldMotion(time, R_WG, self.p_WG + e[1], self.V_WG + dV, self.A_WG)
+        return replace(self, time=time, R_WG=R_WG, p_WG=self.p_WG + e[1])

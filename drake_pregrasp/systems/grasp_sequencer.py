@@ -28,7 +28,7 @@ from drake_pregrasp.grasping.grasp_state import (
     state_unpacker,
 )
 from drake_pregrasp.grasping.hand_commands import GraspCommand
-from drake_pregrasp.grasping.held_motion import HeldMotion
+from drake_pregrasp.grasping.held_motion import FRICTION_SHARE, TETHER, HeldMotion
 from drake_pregrasp.systems import ports
 from drake_pregrasp.systems.squeeze_program import plan_squeeze
 
@@ -61,6 +61,7 @@ class _Memory(NamedTuple):
 _AT_REST = HeldMotion.at_rest()
 _unpack_motion = unpacker(_AT_REST)
 _UP = np.array([0.0, 0.0, 1.0])
+_ON_TABLE = np.array([[0.0, 0.0, 1.0], [1.0, 1.0, 0.0]])  # Turns and velocities of a belt.
 _WEIGHT_DURATION = 0.1  # Seconds in which fingers take over the weight at the start of the lift.
 
 
@@ -118,14 +119,14 @@ class GraspSequencer(LeafSystem):
     `BASE`, or `NOT_BLOCKED` (`DifferentialKinematics`). The report says so while the hand stands.
 
     Port `command` emits a `GraspCommand`. Its frame G is the estimated pose of O, raised while the
-    hand approaches. When all fingers touch, they stick to the object, and G moves with them and no
-    longer with the estimate, so that on average they are at their goals: a table that accelerates
-    takes the hand along, and no strain of the touch pushes the object. For the lift, G stops and
-    moves straight along `lift_direction`. Contacts are held from closing or giving up until the
-    next approach. A finger holds from the moment the hand closes until it releases; it may avoid
-    obstacles at other times. The forces, once the hand closes, are those at the points of the
-    object nearest to the fingertips. They balance weight and acceleration of the lift. The table
-    carries the weight until the lift.
+    hand approaches. When all fingers touch, they stick to the object, and G moves on with the
+    estimated twist of the belt. It yields to the object's push (`HeldMotion.yielding`), so a table
+    that accelerates takes the hand along; it stays within `TETHER` of the estimate. For the lift, G
+    stops and moves straight along `lift_direction`. Contacts are held from closing or giving up
+    until the next approach. A finger holds from the moment the hand closes until it releases; it
+    may avoid obstacles at other times. The forces, once the hand closes, are those at the points of
+    the object nearest to the fingertips. They balance weight and acceleration of the lift. The
+    table carries the weight until the lift.
 
     Port `X_WG` emits a `RigidTransform`: the pose of the frame G of the command.
 
@@ -144,6 +145,7 @@ class GraspSequencer(LeafSystem):
         p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
         object_solid: The object in O; None to plan the squeeze at the contacts of `contacts`.
         efforts: Largest torque of each joint, shape (nq,), in N m; empty for no limits.
+        stiffness: Horizontal stiffness of the fingertips, or of each, shape (n,), in N/m.
         palm_axis: Unit vector from the object to the palm in W, shape (3,).
 
     Raises:
@@ -159,6 +161,7 @@ class GraspSequencer(LeafSystem):
         fingertips: Sequence[Fingertip] = (),
         object_solid: SignedDistance | None = None,
         efforts: FloatArray | None = None,
+        stiffness: float | FloatArray = 400.0,
         palm_axis: FloatArray = _UP,
     ) -> None:
         super().__init__()
@@ -168,6 +171,7 @@ class GraspSequencer(LeafSystem):
         self._settings = config.make_settings(fingertips)
         self._palm_axis, self._lift_axis = palm_axis, config.lift_axis
         self._solid, self._efforts = object_solid, np.empty(0) if efforts is None else efforts
+        self._stiffness: FloatArray = np.broadcast_to(np.asarray(stiffness, dtype=float), n)
         self._radius = np.array([tip.radius for tip in fingertips])
         self._patch_radii = np.array([tip.patch_radius for tip in fingertips])
         first = GraspState.first(n, self._settings)
@@ -191,9 +195,11 @@ class GraspSequencer(LeafSystem):
         self._memory = memory = cache("memory", model, self._calc_memory, stored)
         sources = (time, stored, self._p_WT)
         self._held = held = cache("motion of held object", _AT_REST, self._calc_held, *sources)
+        words, seen = "motion near the estimate", self._pose.source
+        self._near = near = cache(words, _AT_REST, self._calc_near, held, seen)
         any_value = AbstractValue.Make(object())
-        also = (self._pose.source, self._V_WO, self._contacts)
-        command = cache("command", object(), self._calc_command, time, held, *also)
+        also = (seen, self._V_WO, self._contacts)
+        command = cache("command", object(), self._calc_command, time, near, *also)
         self._command = command
         output("command", any_value, command.Eval, command)
         output("X_WG", ports.POSE, self._calc_X_WG, command)
@@ -223,14 +229,24 @@ class GraspSequencer(LeafSystem):
         state, last, p_GT, time = memory.state, memory.last, memory.p_GT, context.get_time()
         if not memory.stands:
             return last.stopping(time, self._settings.stop_duration)
+        now = last.at(time)
         if state.phase == GraspPhase.BACK_OFF:
-            return last.without_acceleration().at(time)
+            return now
         p_WT = validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
         on = state.active & np.all(np.isfinite(p_WT) & np.isfinite(p_GT), axis=1)
-        now = last.at(time)
-        if np.any(on):
-            now = now.following(p_WT[on], p_GT[on], time - last.time, self._config.period)
-        return now
+        if not np.any(on):
+            return now
+        k = self._stiffness[on]
+        f = k @ (p_WT[on] - now.p_WG - p_GT[on] @ now.R_WG.T)
+        friction = FRICTION_SHARE * self._config.planned_friction * GRAVITY * self._mass
+        return now.yielding(f, np.sum(k), friction, time - last.time, self._config.period)
+
+    def _calc_near(self, context: Context) -> HeldMotion:
+        """Returns the motion of G, no farther from the estimate than the tether."""
+        motion: HeldMotion = self._held.Eval(context)
+        _, _, p_WO, is_tracked = self._pose.eval(context)
+        follows = is_tracked and self._memory.Eval(context).stands
+        return motion.within(p_WO, TETHER) if follows else motion
 
     def _calc_command(self, context: Context) -> GraspCommand:
         memory: _Memory = self._memory.Eval(context)
@@ -240,8 +256,10 @@ class GraspSequencer(LeafSystem):
         R_WG, p_WG, V_WG = R_WO, p_WO, V_WO
         half = self._config.period / 2
         if memory.is_gripped:
-            motion: HeldMotion = self._held.Eval(context)
-            R_WG, p_WG, V_WG = motion.R_WG, motion.p_WG, motion.V_WG + half * motion.A_WG
+            motion: HeldMotion = self._near.Eval(context)
+            R_WG, p_WG, V_WG = motion.R_WG, motion.p_WG, motion.V_WG
+            if not memory.stands:
+                V_WG = memory.last.stopping(time + half, settings.stop_duration).V_WG
         share = state.force.value(time)
         axis = self._lift_axis if share > 0 else self._palm_axis
         return GraspCommand(
@@ -316,10 +334,10 @@ class GraspSequencer(LeafSystem):
         self._pose.store(context, discrete_state)
         if not GraspPhase.CLOSE <= state.phase <= GraspPhase.SQUEEZE:
             return  # In other phases nothing is gripped, or the motion is kept.
-        motion: HeldMotion = self._held.Eval(context)
+        motion: HeldMotion = self._near.Eval(context)
         if not memory.is_gripped:
-            still = np.zeros((2, 3))
-            motion = HeldMotion(view.time, command.R_WO, command.p_WO, command.V_WO, still)
+            V_WB = _ON_TABLE * command.V_WO
+            motion = HeldMotion(view.time, command.R_WO, command.p_WO, V_WB, V_WB)
         discrete_state.set_value(self._last, pack(motion))
         sticks = state.phase == GraspPhase.SQUEEZE
         sticking = p_GT_goal.ravel() if sticks else np.full(p_GT.size, np.nan)

@@ -1,21 +1,30 @@
-"""The motion of an object that a hand holds: it stops, or follows the fingertips."""
+"""The motion of an object that a hand holds: it stops, or yields to the object's push."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drake_pregrasp.geometry.rotations import rotation_matrix
-from drake_pregrasp.grasping.held_motion import HeldMotion
+from drake_pregrasp.grasping.held_motion import COMPLIANCE, INVERTANCE, HeldMotion
 
-PERIOD = 0.02
-TIPS = np.array([[0.06, 0.02, 0.01], [-0.06, 0.0, 0.02], [0.01, 0.06, 0.0], [0.0, -0.06, 0.01]])
-ALONG = np.array([0.001, 0.0, 0.0])
+PERIOD, STIFFNESS, FRICTION = 0.02, 2000.0, 1.0
+D, M = STIFFNESS * PERIOD / COMPLIANCE, STIFFNESS * PERIOD**2 / INVERTANCE
+FORCES = st.lists(st.tuples(st.floats(-20, 20), st.floats(-20, 20)), min_size=1, max_size=40)
 
 
 def moving(turn=0.0):
     V = np.array([[0, 0, turn], [0.05, 0.01, 0]])
-    return HeldMotion(0.0, np.eye(3), np.zeros(3), V, np.zeros((2, 3)))
+    return HeldMotion(0.0, np.eye(3), np.zeros(3), V, V)
+
+
+def pushed(motion, f, friction=FRICTION):
+    return motion.yielding(np.array(f), STIFFNESS, friction, PERIOD, PERIOD)
+
+
+def after_a_period(motion):
+    return motion.at(motion.time + PERIOD)
 
 
 @given(st.floats(0, 2), st.floats(0.1, 0.5), st.floats(-1, 1))
@@ -29,40 +38,88 @@ def test_a_hand_that_stops_moves_by_its_twist_and_comes_to_rest(elapsed, duratio
         np.testing.assert_allclose(now.V_WG, 0, atol=1e-12)
 
 
-@pytest.mark.parametrize("acceleration", [[1.5, 0, 0], [-1.5, 0.5, 0]])
-def test_the_frame_follows_an_object_that_suddenly_accelerates(acceleration):
-    motion, errors = moving(0.5), []
+@given(st.floats(0, 2 * np.pi), st.floats(0, 0.999))
+def test_a_push_below_the_friction_does_not_move_the_frame_beside_the_belt(angle, share):
+    f = share * FRICTION * np.array([np.cos(angle), np.sin(angle), 0.0])
+    now = pushed(moving(0.2), f)
+    np.testing.assert_array_equal(now.p_WG, 0)
+    np.testing.assert_array_equal(now.V_WG, moving(0.2).V_WG)
+
+
+@given(st.floats(1.001, 20), st.floats(-0.1, 0.1))
+def test_a_push_moves_the_frame_by_the_equations_of_a_damper_and_of_a_mass_with_friction(f, v):
+    motion = moving()
+    motion = replace(motion, V_WG=motion.V_WG + np.array([[0, 0, 0], [v, 0, 0]]))
+    now = pushed(motion, [f, 0.0, 0.0])
+    assert now.p_WG[0] == pytest.approx(PERIOD * (f - FRICTION) / D)
+    u = v + PERIOD * f / M
+    expected = np.sign(u) * max(0.0, abs(u) - PERIOD * FRICTION / M)
+    assert now.V_WG[1, 0] - motion.V_WB[1, 0] == pytest.approx(expected)
+    np.testing.assert_allclose(now.p_WG[1:], 0)
+
+
+@given(FORCES)
+def test_the_frame_takes_energy_from_the_object_and_its_way_is_limited_by_this_energy(forces):
+    """In the frame of the belt, where G begins at rest."""
+    motion, energy, way = moving(), 0.0, 0.0
+    for x, y in forces:
+        f = np.array([x, y, 0.0])
+        jumped = pushed(motion, f)
+        v = jumped.V_WG[1] - motion.V_WB[1]
+        energy += float(f @ (jumped.p_WG - motion.p_WG + PERIOD * v))
+        way += PERIOD * float(np.linalg.norm(v))
+        assert energy >= M / 2 * float(v @ v) + FRICTION * way - 1e-9
+        motion = after_a_period(jumped)
+
+
+def test_without_a_push_a_frame_that_was_pushed_comes_to_rest_on_the_belt():
+    motion = pushed(moving(), [5.0, 0.0, 0.0])
+    for _ in range(20):
+        motion = pushed(after_a_period(motion), np.zeros(3))
+    np.testing.assert_allclose(motion.V_WG, motion.V_WB, atol=1e-12)
+
+
+@pytest.mark.parametrize("friction", [0.0, FRICTION])
+def test_an_object_that_nothing_moves_brings_the_frame_to_rest(friction):
+    object_at, motion, errors = 0.003, moving(), []
+    motion = replace(motion, V_WG=np.zeros((2, 3)), V_WB=np.zeros((2, 3)))
+    for _ in range(30):
+        errors.append(object_at - motion.p_WG[0])
+        f = STIFFNESS * errors[-1]
+        motion = after_a_period(pushed(motion, [f, 0.0, 0.0], friction))
+    assert abs(errors[6]) < 0.1 * object_at + friction / STIFFNESS
+    assert abs(errors[-1]) <= friction / STIFFNESS + 1e-9
+
+
+@pytest.mark.parametrize("acceleration", [1.5, -1.5])
+def test_the_frame_follows_a_belt_that_suddenly_accelerates(acceleration):
+    motion, errors = moving(), []
     for time in PERIOD * np.arange(1, 26):
-        shift = motion_of(np.array([0.05, 0.01, 0]), np.array(acceleration), time)
-        p_WT = shift + TIPS @ rotation_matrix(np.array([0, 0, 0.5 * time])).T
-        motion = motion.at(time).following(p_WT, TIPS, PERIOD, PERIOD)
-        p_WT_found = motion.p_WG + TIPS @ motion.R_WG.T
-        errors.append(np.abs(p_WT_found - p_WT).max())
-    assert max(errors) < 4e-4
-    assert errors[-1] < 2e-4
+        shift = 0.05 * time + acceleration * time**2 / 2 - motion.at(time).p_WG[0]
+        motion = pushed(motion.at(time), [STIFFNESS * shift, 0.0, 0.0])
+        errors.append(shift)
+    # Its force is the friction and that which accelerates the mass.
+    assert max(np.abs(errors)) < 1.5 * (FRICTION + M * abs(acceleration)) / STIFFNESS
 
 
-def motion_of(v, a, time):
-    return v * time + a * time**2 / 2
-
-
-def test_a_frame_that_fingertips_have_corrected_is_not_corrected_again():
-    p_WT = TIPS + ALONG
-    once = moving().following(p_WT, TIPS, PERIOD, PERIOD)
-    np.testing.assert_array_equal(once.following(p_WT, TIPS, 0.0, PERIOD).p_WG, once.p_WG)
+def test_a_push_that_was_yielded_to_is_not_yielded_to_again():
+    once = pushed(moving(), [5.0, 0.0, 0.0])
+    again = once.yielding(np.array([5.0, 0.0, 0.0]), STIFFNESS, FRICTION, 0.0, PERIOD)
+    np.testing.assert_array_equal(again.p_WG, once.p_WG)
+    np.testing.assert_array_equal(again.V_WG, once.V_WG)
 
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_fingertips_that_would_lift_the_object_lower_the_frame_without_moving_it(sign):
-    shifted = moving().following(TIPS + sign * ALONG[::-1], TIPS, PERIOD, PERIOD)
+    shifted = pushed(moving(), [0.0, 0.0, sign * 2.0])
     assert shifted.p_WG[2] < 0 if sign < 0 else shifted.p_WG[2] == 0
-    np.testing.assert_allclose(shifted.V_WG, moving().V_WG, atol=1e-12)
-    np.testing.assert_allclose(shifted.A_WG, 0, atol=1e-12)
+    np.testing.assert_array_equal(shifted.V_WG, moving().V_WG)
 
 
-@given(st.floats(-0.02, 0.02), st.floats(-0.02, 0.02), st.floats(-0.02, 0.02))
-def test_fingers_whose_strain_looks_like_a_turn_or_a_tilt_do_not_turn_the_frame(x, y, z):
-    motion, turned = moving(0.2), TIPS @ rotation_matrix(np.array([x, y, z])).T
-    now = motion.following(turned, TIPS, PERIOD, PERIOD)
-    np.testing.assert_array_equal(now.R_WG, np.eye(3))
-    np.testing.assert_array_equal(now.V_WG[0], [0, 0, 0.2])
+@given(st.floats(-0.02, 0.02), st.floats(-0.02, 0.02), st.floats(1e-4, 0.02))
+def test_the_frame_stays_within_a_distance_of_the_estimate(x, y, distance):
+    p_W = np.array([x, y, 0.0])
+    tied = moving().within(p_W, distance)
+    assert np.linalg.norm(tied.p_WG - p_W) <= distance + 1e-12
+    if np.linalg.norm(p_W) <= distance:
+        np.testing.assert_array_equal(tied.p_WG, 0)
