@@ -1,5 +1,6 @@
 """Kinematic model of a hand, from its model file and its description."""
 
+import math
 from collections.abc import Sequence
 from functools import cached_property
 
@@ -199,9 +200,12 @@ class HandModel:
             p_HT: Centres of each fingertip in A at yaw 0, shape (n, k, 3), in metres.
         """
         near = zip(self.workspaces, self._steps, self.finger_chains, p_HT, strict=True)
-        return np.array(
-            [tree.query(chain.along(places))[0] <= step for tree, step, chain, places in near]
-        )
+        # A search that ends at the step, which such a bound leaves out, is shorter.
+        found = [
+            tree.query(chain.along(p), distance_upper_bound=math.nextafter(step, math.inf))
+            for tree, step, chain, p in near
+        ]
+        return np.isfinite([distances for distances, _ in found])
 
     @cached_property
     def _steps(self) -> list[float]:

@@ -382,7 +382,8 @@ class GraspSequencer(LeafSystem):
         if share == 0 and not state.touched.any():
             return np.zeros(state.forces.shape)
         _, nhat, _ = self._contact_frames(context)
-        touch = -self._settings.touch_force * state.touched[:, None] * np.nan_to_num(nhat)
+        pressed = np.where(state.touched[:, None] & np.isfinite(nhat), nhat, 0.0)
+        touch = -self._settings.touch_force * pressed
         planned, on = state.forces @ R_WG.T, state.active
         lifted = 0.0 if stands else min(1.0, (context.get_time() - last.time) / _WEIGHT_DURATION)
         planned[on, 2] -= (1 - lifted) * np.sum(planned[on, 2]) / max(1, np.sum(on))

@@ -240,6 +240,7 @@ class HandGoalShaper(LeafSystem):
             holding=held & active & command.fingers_hold,
         )
         moved, contacts = self._kernels.straight_step(p_GT, v_GT, goal, self._pace, room), stored
+        is_straight = moved is not None
         if moved is None:
             moved, shift = self._detour(p_GT, v_GT, goal, room, command, active[:, None] * nhat)
             contacts = np.concatenate([p_OC + shift, nhat, active], axis=None)
@@ -247,7 +248,9 @@ class HandGoalShaper(LeafSystem):
             discrete_state.set_value(self._contacts, contacts)
         if moved is p_GT:
             return
-        rates = self._pace.limited((moved - p_GT) / self._pace.period, v_GT)
+        rates = (moved - p_GT) / self._pace.period
+        if not is_straight:  # Solids or other tips may have pushed it.
+            rates = self._pace.limited(rates, v_GT)
         discrete_state.set_value(self._tips, moved.ravel())
         discrete_state.set_value(self._rates, rates.ravel())
 
