@@ -13,7 +13,7 @@ import numpy as np
 
 from drake_pregrasp.arrays import FloatArray, number_or_nan
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.geometry.rotations import rotation_matrices, skew
+from drake_pregrasp.geometry.rotations import rotation_matrix, skew
 
 # Least value of each assumption, and its range in words.
 _POSITIVE = (math.ulp(0.0), "finite and above 0")
@@ -221,7 +221,7 @@ def shifted(belief: PoseBelief, dx: FloatArray, P: FloatArray) -> PoseBelief:
     return PoseBelief(
         belief.time,
         belief.weights,
-        rotation_matrices(dx[:, :3]) @ belief.R_WO,
+        rotation_matrix(dx[:, :3]) @ belief.R_WO,
         belief.p_WCoM + dx[:, 3:6],
         belief.V_WCoM + dx[:, 6:],
         P,

@@ -25,9 +25,8 @@ from drake_pregrasp.estimation.pose_belief import (
     shifted,
 )
 from drake_pregrasp.geometry.rotations import (
-    rotation_matrices,
     rotation_matrix,
-    rotation_vectors,
+    rotation_vector,
     skew,
 )
 
@@ -62,7 +61,7 @@ def merged(belief: PoseBelief) -> PoseBelief:
 def _coordinates(belief: PoseBelief) -> tuple[FloatArray, FloatArray]:
     """Returns the likeliest orientation R, and the means with theta from R, shape (K, 12)."""
     R = belief.R_WO[belief.weights.argmax()]
-    return R, np.hstack([rotation_vectors(belief.R_WO @ R.T), belief.p_WCoM, belief.V_WCoM])
+    return R, np.hstack([rotation_vector(belief.R_WO @ R.T), belief.p_WCoM, belief.V_WCoM])
 
 
 def mixed(belief: PoseBelief, dt: float, noise: PoseFilterNoise) -> PoseBelief:
@@ -93,7 +92,7 @@ def mixed(belief: PoseBelief, dt: float, noise: PoseFilterNoise) -> PoseBelief:
     return PoseBelief(
         belief.time,
         weights,
-        rotation_matrices(x[:, :3]) @ R,
+        rotation_matrix(x[:, :3]) @ R,
         x[:, 3:6],
         x[:, 6:],
         own * belief.P + (1 - own) * P + own * (1 - own) * spread,
@@ -159,7 +158,7 @@ def transitions(belief: PoseBelief, dt: float) -> FloatArray:
     adds J(turn) e dt to theta, with the left Jacobian J of Exp.
     """
     F, turns = np.tile(np.eye(12), (len(belief.weights), 1, 1)), belief.V_WCoM[:, :3] * dt
-    F[:, :3, :3], F[:, :3, 6:9] = rotation_matrices(turns), dt * rotation_matrices(turns, order=1)
+    F[:, :3, :3], F[:, :3, 6:9] = rotation_matrix(turns), dt * rotation_matrix(turns, order=1)
     F[:, 3:6, 9:] = dt * _I
     return F
 
@@ -226,7 +225,7 @@ def pose_residual(
         noise_factors: Factors on the assumed variances of a measured orientation and position,
             shape (2,); 1 by default.
     """
-    thetas = rotation_vectors(measurement.R_WO @ prior.R_WO.transpose(0, 2, 1))
+    thetas = rotation_vector(measurement.R_WO @ prior.R_WO.transpose(0, 2, 1))
     H = np.tile(np.eye(6, 12), (len(thetas), 1, 1))
     offset = measurement.p_WO - prior.p_WCoM
     if p_OCoM is not None:

@@ -28,24 +28,16 @@ def skew(r: FloatArray) -> FloatArray:
 
 
 def rotation_vector(R: FloatArray) -> FloatArray:
-    """Returns the shortest theta with Exp(theta) = R, shape (3,), in radians.
+    """Returns the shortest theta with Exp(theta) = R, shape (..., 3), in radians.
 
     It is computed from the largest component of the unit quaternion (Shepperd, "Quaternion from
     rotation matrix", 1978), so that it is also exact at half a turn.
 
     Args:
-        R: Rotation matrix, shape (3, 3).
+        R: Rotation matrices, shape (..., 3, 3).
     """
-    return np.array(rotation_components(*R.ravel().tolist()))
-
-
-def rotation_vectors(R: FloatArray) -> FloatArray:
-    """Returns the `rotation_vector` of each of some rotation matrices, shape (K, 3), in radians.
-
-    Args:
-        R: Rotation matrices, shape (K, 3, 3).
-    """
-    return np.array([rotation_components(*row) for row in R.reshape(-1, 9).tolist()])
+    thetas = [rotation_components(*rows) for rows in R.reshape(-1, 9).tolist()]
+    return np.array(thetas).reshape(R.shape[:-1])
 
 
 def rotation_components(
@@ -70,7 +62,7 @@ def rotation_components(
 
 
 def rotation_matrix(theta: FloatArray, *, order: int = 0) -> FloatArray:
-    """Returns Exp(theta), shape (3, 3), by Rodrigues' formula.
+    """Returns Exp(theta), shape (..., 3, 3), by Rodrigues' formula.
 
     Order 1 is the left Jacobian J, with Exp(theta + e) = Exp(J e) Exp(theta) to first order in e.
     With an order above 0 it is the sum over k of [theta]x^k / (k + order)!, of which order 0 is the
@@ -78,21 +70,11 @@ def rotation_matrix(theta: FloatArray, *, order: int = 0) -> FloatArray:
     neighbours of sin(s)/s, (1 - cos(s))/s² and (s - sin(s))/s³.
 
     Args:
-        theta: Rotation vector, shape (3,), in radians.
+        theta: Rotation vectors, shape (..., 3), in radians.
         order: Order of the series, 0 or 1.
     """
-    x, y, z = theta.tolist()
-    return np.array(rotation_rows(x, y, z, order))
-
-
-def rotation_matrices(thetas: FloatArray, *, order: int = 0) -> FloatArray:
-    """Returns the `rotation_matrix` of each of some rotation vectors, shape (K, 3, 3).
-
-    Args:
-        thetas: Rotation vectors, shape (K, 3), in radians.
-        order: Order of the series, 0 or 1.
-    """
-    return np.array([rotation_rows(x, y, z, order) for x, y, z in thetas.tolist()])
+    matrices = [rotation_rows(x, y, z, order) for x, y, z in theta.reshape(-1, 3).tolist()]
+    return np.array(matrices).reshape(*theta.shape, 3)
 
 
 Row = tuple[float, float, float]
@@ -129,7 +111,7 @@ def rotation_group(thetas: FloatArray) -> FloatArray:
     Raises:
         InvalidArgumentError: If there are more than `MOST_EQUIVALENT` products.
     """
-    generators, group = [rotation_matrix(theta) for theta in thetas], [_I]
+    generators, group = list(rotation_matrix(np.asarray(thetas))), [_I]
     for R in group:  # It grows while it is read.
         for product in (R @ generator for generator in generators):
             if np.einsum("ij,sij->s", product, np.array(group)).max() < 3 - _SAME:

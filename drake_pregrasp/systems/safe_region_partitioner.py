@@ -297,7 +297,7 @@ class SafeRegionPartitioner(LeafSystem):
         (w, v), port = np.zeros((2, 3)), self._V_WO
         if len(self._moments) > 1 and port.HasValue(context):
             w, v = validated_rates(port.Eval(context).get_coeffs()).reshape(2, 3)
-        back = np.array([rotation_matrix(-w * t) for t in self._moments.tolist()])
+        back = rotation_matrix(-w * self._moments[:, None])
         R_OW = X_WO.rotation().matrix().T @ back
         p_WO = X_WO.translation() + self._moments[:, None] * v
         return R_OW, -(R_OW @ p_WO[:, :, None])[:, :, 0]
