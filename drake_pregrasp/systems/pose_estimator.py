@@ -1,6 +1,7 @@
 """Estimate of the object's pose, twist and uncertainty from noisy pose measurements."""
 
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -165,53 +166,38 @@ class PoseEstimator(LeafSystem):
         self._X_WO_measured = self.DeclareAbstractInputPort("X_WO_measured", POSE)
         self._measurement_time = self.DeclareVectorInputPort("measurement_time", 1)
         self._V_WO_held = self.DeclareAbstractInputPort("V_WO_held", VELOCITY)
-        time = self.time_ticket()
-        self._stored = declare_cache(
-            self,
-            "track of the last update",
-            self._no_track,
-            lambda context: self._unpack(context.get_discrete_state(self._track_index).value()),
-            self.discrete_state_ticket(self._track_index),
-        )
-        self._mixture = declare_cache(
-            self,
-            "mixture of the models at the newest measurement of that track",
-            no_belief(),
-            lambda context: self._merged(self._stored.Eval(context).newest),
-            self._stored,
-        )
-        self._track = track = declare_cache(
-            self,
-            "track at the Context's last tick, and its mixture",
-            (self._no_track, no_belief()),
-            self._calc_track,
-            time,
-            self.xd_ticket(),
-            self.all_input_ports_ticket(),
-        )
-        self._estimate = estimate = declare_cache(
-            self,
-            "status, and mean of the prediction for the Context's time",
-            _Estimate(TrackingStatus.WAITING, no_belief()),
-            self._calc_estimate,
-            time,
-            track,
-            self._V_WO_held,
-        )
-        declare_output(self, "X_WO_estimated", POSE, self._calc_pose, estimate)
-        declare_output(self, "V_WO_estimated", VELOCITY, self._calc_velocity, estimate)
-        declare_output(self, "p_WO_covariance", 9, self._calc_covariance, time, estimate)
-        declare_output(
-            self, "tracking_status", 1, lambda c: estimate.Eval(c).status.value, estimate
-        )
-        declare_output(self, "time_since_measurement", 1, self._calc_age, time, track)
-        declare_output(
-            self, "measurement_verdict", 1, lambda c: track.Eval(c)[0].verdict.value, track
-        )
-        declare_output(
-            self, "innovation_squared", 2, lambda c: track.Eval(c)[0].innovation_squared, track
-        )
+        self._declare_results()
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store_track)
+
+    def _declare_results(self) -> None:
+        """Declares the cache entries of an estimate, and the ports that emit it."""
+        cache, output = partial(declare_cache, self), partial(declare_output, self)
+        time = self.time_ticket()
+        words, stored = "track of the last update", self.discrete_state_ticket(self._track_index)
+        self._stored = cache(words, self._no_track, self._calc_stored, stored)
+        words = "mixture of the models at the newest measurement of that track"
+        self._mixture = cache(words, no_belief(), self._calc_mixture, self._stored)
+        words = "track at the Context's last tick, and its mixture"
+        model, sources = (self._no_track, no_belief()), (self.xd_ticket(), time)
+        inputs = self.all_input_ports_ticket()
+        self._track = track = cache(words, model, self._calc_track, *sources, inputs)
+        words = "status, and mean of the prediction for the Context's time"
+        first, sources = _Estimate(TrackingStatus.WAITING, no_belief()), (time, track)
+        self._estimate = cache(words, first, self._calc_estimate, *sources, self._V_WO_held)
+        estimate = self._estimate
+        output("X_WO_estimated", POSE, self._calc_pose, estimate)
+        output("V_WO_estimated", VELOCITY, self._calc_velocity, estimate)
+        output("p_WO_covariance", 9, self._calc_covariance, time, estimate)
+        output("tracking_status", 1, lambda c: estimate.Eval(c).status.value, estimate)
+        output("time_since_measurement", 1, self._calc_age, time, track)
+        output("measurement_verdict", 1, lambda c: track.Eval(c)[0].verdict.value, track)
+        output("innovation_squared", 2, lambda c: track.Eval(c)[0].innovation_squared, track)
+
+    def _calc_stored(self, context: Context) -> PoseTrack:
+        return self._unpack(context.get_discrete_state(self._track_index).value())
+
+    def _calc_mixture(self, context: Context) -> PoseBelief:
+        return self._merged(self._stored.Eval(context).newest)
 
     def _calc_track(self, context: Context) -> tuple[PoseTrack, PoseBelief]:
         time = context.get_time()
