@@ -14,7 +14,8 @@ from drake_pregrasp import load_scenario, make_diagram
 from drake_pregrasp.fast import SWITCH
 
 PACKAGE = str(Path(drake_pregrasp.__file__).parent)
-PLANT = ("LinkContacts", "_contacts", "BodyPose")  # They sample the plant in each of its steps.
+# They sample or move the plant in each of its steps.
+PLANT = ("LinkContacts", "_contacts", "BodyPose", "ObjectShake")
 
 
 def calls_of(function: Callable[[], object]) -> Counter[tuple[str, str]]:

@@ -173,10 +173,15 @@ class PoseEstimator(LeafSystem):
         """Declares the cache entries of an estimate, and the ports that emit it."""
         cache, output = partial(declare_cache, self), partial(declare_output, self)
         time = self.time_ticket()
-        words, stored = "track of the last update", self.discrete_state_ticket(self._track_index)
-        self._stored = cache(words, self._no_track, self._calc_stored, stored)
+        index, merged = self._track_index, self._merged
+        self._stored = stored = cache(
+            "track of the last update",
+            self._no_track,
+            lambda c: self._unpack(c.get_discrete_state(index).value()),
+            self.discrete_state_ticket(index),
+        )
         words = "mixture of the models at the newest measurement of that track"
-        self._mixture = cache(words, no_belief(), self._calc_mixture, self._stored)
+        self._mixture = cache(words, no_belief(), lambda c: merged(stored.Eval(c).newest), stored)
         words = "track at the Context's last tick, and its mixture"
         model, sources = (self._no_track, no_belief()), (self.xd_ticket(), time)
         inputs = self.all_input_ports_ticket()
@@ -192,12 +197,6 @@ class PoseEstimator(LeafSystem):
         output("time_since_measurement", 1, self._calc_age, time, track)
         output("measurement_verdict", 1, lambda c: track.Eval(c)[0].verdict.value, track)
         output("innovation_squared", 2, lambda c: track.Eval(c)[0].innovation_squared, track)
-
-    def _calc_stored(self, context: Context) -> PoseTrack:
-        return self._unpack(context.get_discrete_state(self._track_index).value())
-
-    def _calc_mixture(self, context: Context) -> PoseBelief:
-        return self._merged(self._stored.Eval(context).newest)
 
     def _calc_track(self, context: Context) -> tuple[PoseTrack, PoseBelief]:
         time = context.get_time()
