@@ -23,6 +23,7 @@ from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.estimation.pose_track import FOLLOWED, TrackingStatus
 from drake_pregrasp.grasping.grasp_state import GraspPhase
+from drake_pregrasp.grasping.held_criterion import HOLD_DURATION
 from drake_pregrasp.simulation.summary import inactive_contacts
 
 HAND = "package://drake_pregrasp/five_finger_hand.yaml"
@@ -106,6 +107,23 @@ def test_an_object_and_a_hand_are_all_that_a_scenario_needs(tmp_path):
     grasp = result.summary["grasp"]
     assert (grasp["phase"], grasp["lift_height_mm"]) == ("hold", pytest.approx(100, abs=2))
     assert grasp["moved_before_mm"] < 1.0
+
+
+@pytest.mark.slow
+def test_a_cube_is_held_for_ten_seconds_and_through_a_shake(tmp_path):
+    shaken = "simulation_duration: 21.5, grasp: {shake: true}"
+    result = run_text(NAME, shaken, tmp_path)
+    grasp, log = result.summary["grasp"], run_log(result, "grasp.csv")
+    assert (grasp["held"], grasp["phase"], grasp["gave_up"]) == (True, "hold", None)
+    assert grasp["moved_hold_mm"] < 2
+    assert 0.2 < grasp["moved_shake_mm"] < 2
+    assert 60 * 5 / grasp["drift_mm_per_min"] == pytest.approx(grasp["slips_after_s"])
+    # Fingertips press against the shake with half the weight, along one axis after the other.
+    pressed = sum(points(log, f"force{i}") for i in range(5))
+    since_lift = log["time"] - log["time"][log["phase"] == GraspPhase.HOLD][0]
+    for axis in range(3):
+        during = (since_lift > HOLD_DURATION + axis) & (since_lift < HOLD_DURATION + axis + 1)
+        assert np.ptp(pressed[during, axis]) == pytest.approx(0.4 * 9.81, rel=0.2)
 
 
 @pytest.mark.slow
