@@ -22,7 +22,7 @@ TIP_COLORS = (
 )
 
 PALM_HEAD = """<?xml version="1.0"?>
-<!-- Written by make_hand.py. The hand of {name}.sdf, whose comment explains it, without carrier. -->
+<!-- Written by make_hand.py. The hand of {name}.sdf, which explains it, without carrier. -->
 <sdf version="1.9" xmlns:drake="http://drake.mit.edu">
   <model name="hand">
 """

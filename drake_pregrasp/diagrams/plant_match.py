@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 from pydrake.math import RigidTransform
-from pydrake.multibody.tree import Joint, RigidBody
+from pydrake.multibody.tree import BodyIndex, Joint
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.diagrams.hand_instances import HandInstances
@@ -63,7 +63,7 @@ def base_pose(hand: HandModel, robot: HandInstances) -> RigidTransform:
         raise InvalidArgumentError(f"robot: {problem}")
     q = hand.base.placed(hand.fingers_home)
     tip = hand.instances.frame(hand.description.fingertips[0].frame, "fingertips[0].frame").body()
-    (_, X_WL, X_WL_own), *_ = [row for row in _poses(hand, robot, q) if row[0] is tip]
+    X_WL, X_WL_own = _poses(hand, robot, q)[tip.index()]
     X_WB = X_WL @ X_WL_own.inverse() @ hand.X_WB
     lower, upper = hand.kinematics.lower, hand.kinematics.upper
     random = np.random.default_rng(0)
@@ -130,6 +130,10 @@ def _both(what: str, plant: str, model: str) -> str:
     return f"{what} {plant} in the plant, and {model} in the model of the description"
 
 
+def _place(X: RigidTransform) -> str:
+    return f"({', '.join(f'{round(x, 4) + 0.0:g}' for x in X.translation())}) m"
+
+
 def _range(joint: Joint, kind: str) -> tuple[float, float]:
     (low,) = getattr(joint, f"{kind}_lower_limits")()
     (high,) = getattr(joint, f"{kind}_upper_limits")()
@@ -138,20 +142,26 @@ def _range(joint: Joint, kind: str) -> tuple[float, float]:
 
 def _poses(
     hand: HandModel, robot: HandInstances, q: FloatArray
-) -> list[tuple[RigidBody, RigidTransform, RigidTransform]]:
-    """Returns links that both have, with their poses in W in the plant, and in the hand's model."""
+) -> dict[BodyIndex, tuple[RigidTransform, RigidTransform]]:
+    """Returns the poses in W of links that both have, in the plant and in the hand's model.
+
+    Args:
+        hand: Model of the hand, whose links have the indices of the result.
+        robot: The hand in the plant.
+        q: Positions of the hand's joints, shape (nq,).
+    """
     plant, own = robot.plant, hand.kinematics.plant
     context, own_context = plant.CreateDefaultContext(), own.CreateDefaultContext()
     own.SetPositions(own_context, q)
     positions = plant.GetPositions(context)
     positions[[joint.position_start() for joint in matching_joints(hand, robot)]] = q
     plant.SetPositions(context, positions)
-    found = []
+    found = {}
     for body in hand.instances.bodies():
         name = hand.instances.scoped_name(body)
         if there := robot.find_body(name):
             X_WL = plant.EvalBodyPoseInWorld(context, there)
-            found.append((body, X_WL, own.EvalBodyPoseInWorld(own_context, body)))
+            found[body.index()] = X_WL, own.EvalBodyPoseInWorld(own_context, body)
         elif own.GetCollisionGeometriesForBody(body):
             raise InvalidArgumentError(
                 f"robot: the plant has no link {name}, which the model of the description has"
@@ -160,19 +170,20 @@ def _poses(
 
 
 def _check_poses(hand: HandModel, robot: HandInstances, q: FloatArray, X: RigidTransform) -> None:
-    """Checks that all links stand as in the hand's model, moved by X."""
-    before: tuple[RigidBody, RigidTransform, RigidTransform] | None = None
-    for row in _poses(hand, robot, q):
-        body, X_WL, X_WL_own = row
-        if np.abs(pose_error(X_WL, X @ X_WL_own)).max() > _SAME_POSE:
-            parent, X_WP, X_WP_own = before or (None, X, RigidTransform())
-            there, own = X_WP.InvertAndCompose(X_WL), X_WP_own.InvertAndCompose(X_WL_own)
-            start = parent.name() if parent else "the base"
-            places = [", ".join(f"{x:.4g}" for x in at.translation()) for at in (there, own)]
-            turn = np.linalg.norm(pose_error(there, own)[:3])
-            raise InvalidArgumentError(
-                "robot: "
-                + _both(f"link {body.name()} is at", *(f"({at}) m in {start}" for at in places))
-                + f", turned by {turn:.3g} rad; both must have the same kinematics"
-            )
-        before = row
+    """Checks that links stand as in the hand's model, moved by X, and names the first pair."""
+    own, poses = hand.kinematics.plant, _poses(hand, robot, q)
+    world = own.world_body().index()
+    pairs = [(j.parent_body().index(), j.child_body().index()) for j in hand.instances.joints()]
+    pairs = [pair for pair in pairs if world not in pair] + [(world, link) for link in poses]
+    poses[world] = X, RigidTransform()
+    for parent, child in pairs:
+        if parent not in poses or child not in poses:
+            continue
+        (X_WP, X_WP_own), (X_WC, X_WC_own) = poses[parent], poses[child]
+        X_PC, X_PC_own = X_WP.InvertAndCompose(X_WC), X_WP_own.InvertAndCompose(X_WC_own)
+        error = pose_error(X_PC, X_PC_own)
+        if np.abs(error).max() > _SAME_POSE:
+            x, x_own = map(_place, (X_PC, X_PC_own))
+            where = f"link {own.get_body(child).name()} in {own.get_body(parent).name()} is at"
+            turn = f"turned by {np.linalg.norm(error[:3]):.3g} rad"
+            raise InvalidArgumentError(f"robot: {_both(where, x, x_own)}, {turn} to each other")

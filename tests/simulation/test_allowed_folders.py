@@ -81,6 +81,7 @@ def test_names_that_are_not_files_are_refused(tmp_path, name, problem):
 
 SDF = '<sdf version="1.9"><model name="m"><link name="l">{}</link></model></sdf>'
 MESH = '<visual name="v"><geometry><mesh><uri>{}</uri></mesh></geometry></visual>'
+COLLISION = MESH.replace("visual", "collision")
 
 
 @pytest.mark.parametrize(
@@ -91,7 +92,7 @@ MESH = '<visual name="v"><geometry><mesh><uri>{}</uri></mesh></geometry></visual
         (SDF.format(MESH.format("file:///etc/x.obj")), "names file:///etc/x.obj: .* is outside of"),
         (SDF.format(MESH.format("https://a.b/x.obj")), "only files and packages are read"),
         (SDF.format(MESH.format("package://drake_models/x.obj")), "no such package is here"),
-        (SDF.format(MESH.format("x.yaml")), "names x.yaml: it must be one of: .obj"),
+        (SDF.format(COLLISION.format("x.yaml")), "names x.yaml: it must be one of: .obj"),
         (SDF.format(MESH.format("m.obj")), "names m.obj: .*x.mtl is outside of"),
         (SDF.format(MESH.format("m.gltf")), "names m.gltf: .*x.bin is outside of"),
         (SDF.format("<include><uri>x</uri></include>"), "has <include>; write out"),

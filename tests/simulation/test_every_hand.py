@@ -25,7 +25,7 @@ HELD = [
     ("allegro_ur5", "box"),
     ("allegro_xarm7", "box"),
     ("five_finger_panda", "box"),
-    ("shadow_panda", "box"),
+    ("shadow_panda", "cylinder"),
 ]
 OTHERS = [
     pytest.param(*hand.values, name, marks=hand.marks)
