@@ -1,12 +1,11 @@
 """Drake model directives of hands, copied with checked copies of the models that they name."""
 
-import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from drake_pregrasp.config.yaml_text import dump_yaml, parse_yaml, read_text
-from drake_pregrasp.diagrams.model_files import CheckedModel, checked_model, copies_folder
+from drake_pregrasp.diagrams.model_files import CheckedModel, checked_model, written_copy
 from drake_pregrasp.diagrams.package_files import find_packages, located
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
 from drake_pregrasp.resources import check_inside, real_path, resource_folder
@@ -18,6 +17,7 @@ DIRECTIVES = ".dmd.yaml"
 MAX_FILES = 20
 """Largest number of files that directives name."""
 
+_KIND = DIRECTIVES.removeprefix(".")  # As Drake's parser calls them.
 _ROOT = Path("/")
 
 
@@ -37,7 +37,7 @@ def checked_copy(file: Path, folders: Sequence[Path] | None = None) -> CheckedMo
         return checked_model(file, folders)
     files: list[Path] = []
     text = _copied_directives(file, folders, files)
-    return CheckedModel(text, DIRECTIVES.removeprefix("."), tuple(files))
+    return CheckedModel(text, _KIND, tuple(files))
 
 
 def is_own(model: Path) -> bool:
@@ -90,12 +90,8 @@ def _copied_file(
     if is_own(path) and path.suffix in (".sdf", ".urdf"):
         return path.as_uri()
     if path.name.endswith(DIRECTIVES):
-        text, kind = _copied_directives(path, folders, files), DIRECTIVES
+        copy = CheckedModel(_copied_directives(path, folders, files), _KIND, ())
     else:
         copy = checked_model(path, folders)
         files += [found for found in copy.files if found not in files]
-        text, kind = copy.text, f".{copy.kind}"
-    written = Path(copies_folder()) / f"{hashlib.sha256(text.encode()).hexdigest()}{kind}"
-    if not written.exists():
-        written.write_text(text, encoding="utf-8")
-    return written.as_uri()
+    return written_copy(copy).as_uri()

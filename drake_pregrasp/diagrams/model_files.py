@@ -6,6 +6,7 @@ a copy only: an XML tree of elements and attributes on a list, and meshes that a
 
 import atexit
 import functools
+import hashlib
 import logging
 import math
 import os
@@ -58,7 +59,7 @@ MAX_CELLS = 1000
 (size / resolution hint)², and a tenth of the triangles of a geometry with a mesh file."""
 
 MAX_INCLUDES = 20
-"""Largest number of files that an MJCF includes."""
+"""Largest number of files that an MJCF or an SDF includes."""
 
 _KINDS = {"sdf": "sdf", "robot": "urdf", "mujoco": "xml"}  # Formats by the tags of roots.
 _MESH_NAMES = {"urdf": "filename", "xml": "file"}  # Attributes; SDF has an element.
@@ -184,14 +185,29 @@ class _Copier:
             if child.tag != "include":
                 self._include(child)
                 continue
-            path = real_path(self._located(child.get("file", "")))
-            check_inside(path, self._allowed)
-            if path in self._files or len(self._files) > MAX_INCLUDES:
-                raise self._error(f"includes {path} twice, or more than {MAX_INCLUDES} files")
-            self._files.append(path)
-            included = parse_xml(path)
+            included = parse_xml(self._included(child.get("file", "")))
             self._include(included)
             element[index : index + 1] = list(included)
+
+    def _included(self, name: str) -> Path:
+        """Returns the path of a file that is included, and counts it."""
+        path = real_path(self._located(name))
+        check_inside(path, self._allowed)
+        if path in self._files or len(self._files) > MAX_INCLUDES:
+            raise self._error(f"includes {path} twice, or more than {MAX_INCLUDES} files")
+        self._files.append(path)
+        return path
+
+    def _merge(self, copied: Element, include: Element) -> None:
+        """Adds an `<include merge="true">` of an SDF, with a copy of what it includes."""
+        path = self._included(self._value(include, include.findtext("uri") or ""))
+        part = _Copier(path, self._packages, self._allowed)
+        part._counts, part._files = self._counts, self._files
+        merged = ElementTree.SubElement(copied, "include", merge="true")
+        ElementTree.SubElement(merged, "uri").text = written_copy(part.copy()).as_uri()
+        for child in include:
+            if child.tag in ("name", "pose", "placement_frame"):
+                self._fill(ElementTree.SubElement(merged, child.tag), child)
 
     def _error(self, problem: str) -> InvalidArgumentError:
         return InvalidArgumentError(f"model: {self._model} {problem}")
@@ -208,6 +224,9 @@ class _Copier:
                 raise self._error(f"has a mass of {text}; it must be finite and at least 0")
         for child in element:
             tag = _plain(child.tag)
+            if tag == "include" and self._kind == "sdf" and child.get("merge") == "true":
+                self._merge(copied, child)
+                continue
             if tag in _REFUSED:
                 raise self._error(f"has <{tag}>; write out what it stands for, in the same file")
             if tag not in _TAGS[self._kind]:
@@ -310,6 +329,15 @@ class _Copier:
                 f"has hydroelastic geometries of {self._cells:.0f} cells; at most {MAX_CELLS}: give"
                 " them larger values of <drake:mesh_resolution_hint>, or meshes of fewer triangles"
             )
+
+
+def written_copy(copy: CheckedModel) -> Path:
+    """Writes a copy to a file, which is removed when this process ends, and returns its path."""
+    name = hashlib.sha256(copy.text.encode()).hexdigest()
+    path = Path(copies_folder()) / f"{name}.{copy.kind}"
+    if not path.exists():
+        path.write_text(copy.text, encoding="utf-8")
+    return path
 
 
 def _plain(name: str) -> str:

@@ -161,3 +161,30 @@ def test_copies_of_meshes_outlive_a_fork_and_end_with_their_process(tmp_path):
     found, mesh = done.stdout.rsplit(maxsplit=1)
     assert found == "[True]"
     assert not Path(mesh.removeprefix("file://")).parent.parent.exists()
+
+
+MERGED = """<sdf version="1.9"><model name="m"><link name="palm"/>
+<include merge="true"><uri>{}</uri><pose>0 0 1 0 0 0</pose></include></model></sdf>"""
+
+
+def test_merged_parts_of_an_sdf_are_read_once_from_allowed_folders(tmp_path):
+    folder = tmp_path / "a"
+    folder.mkdir()
+    (folder / "finger.urdf").write_text(
+        '<robot name="f"><link name="finger"><secret/></link></robot>'
+    )
+    (folder / "loop.sdf").write_text(MERGED.format("loop.sdf"))
+    (tmp_path / "secret.sdf").write_text("no XML, so reading it is another error")
+    (model := folder / "own.sdf").write_text(MERGED.format("finger.urdf"))
+    copy = checked_model(model, [folder])
+    assert set(copy.files) == {model, folder / "finger.urdf"}
+    plant, _ = load(copy)
+    assert plant.HasBodyNamed("finger", plant.GetModelInstanceByName("m"))
+    for name, problem in (
+        ("../secret.sdf", "is outside of"),
+        ("loop.sdf", "twice"),
+        ("https://a.b/x.sdf", "only files and packages"),
+    ):
+        model.write_text(MERGED.format(name))
+        with pytest.raises(InvalidArgumentError, match=problem):
+            checked_model(model, [folder])
