@@ -11,6 +11,7 @@ from pydrake.systems.primitives import Selector, SelectorParams
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.systems.hand_kinematics import frame_names
+from drake_pregrasp.systems.mujoco_plant import MujocoPlant
 
 SCOPE = "::"
 """Separator of the names of a model instance and of its element."""
@@ -115,7 +116,10 @@ def set_default_positions(joints: Sequence[Joint], q: FloatArray) -> None:
 
 
 def hand_ports(
-    builder: DiagramBuilder, plant: MultibodyPlant, joints: Sequence[Joint]
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    joints: Sequence[Joint],
+    dynamics: MultibodyPlant | MujocoPlant | None = None,
 ) -> tuple[InputPort, OutputPort, OutputPort]:
     """Adds systems that select the values of a hand's joints from the ports of a plant.
 
@@ -123,11 +127,13 @@ def hand_ports(
         builder: Builder of the diagram, with the plant.
         plant: A finalized plant with the hand.
         joints: The hand's joints in the order of the values, all driven.
+        dynamics: System that simulates the plant; None for the plant itself.
 
     Returns:
         Port for the desired positions and velocities, and ports with the positions and velocities,
         and with the torques or forces of the actuators, in N m or N.
     """
+    dynamics = dynamics or plant
     actuators = [plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices()]
     inputs = {int(drive.joint().index()): drive.input_start() for drive in actuators}
     order = {int(joint.index()): place for place, joint in enumerate(joints)}
@@ -135,10 +141,10 @@ def hand_ports(
     measured = [joint.position_start() for joint in joints]
     measured += [nq + joint.velocity_start() for joint in joints]
     state = _select(builder, "hand_state", plant.num_multibody_states(), [measured])
-    builder.Connect(plant.get_state_output_port(), state.get_input_port(0))
+    builder.Connect(dynamics.get_state_output_port(), state.get_input_port(0))
     driven = [inputs[int(joint.index())] for joint in joints]
     actuation = _select(builder, "hand_actuation", plant.num_actuated_dofs(), [driven])
-    builder.Connect(plant.get_net_actuation_output_port(), actuation.get_input_port(0))
+    builder.Connect(dynamics.get_net_actuation_output_port(), actuation.get_input_port(0))
     instances = sorted({joint.model_instance() for joint in joints}, key=int)
     wanted = []
     for instance in instances:
@@ -147,7 +153,7 @@ def hand_ports(
         wanted.append([*places, *(count + place for place in places)])
     desired = _select(builder, "hand_drives", 2 * count, wanted)
     for port, instance in enumerate(instances):
-        goal = plant.get_desired_state_input_port(instance)
+        goal = dynamics.get_desired_state_input_port(instance)
         builder.Connect(desired.get_output_port(port), goal)
     return desired.get_input_port(0), state.get_output_port(0), actuation.get_output_port(0)
 

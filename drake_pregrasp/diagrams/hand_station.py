@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 
 import numpy as np
-from pydrake.geometry import SceneGraph
+from pydrake.geometry import GeometryId, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant, MultibodyPlantConfig
-from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.multibody.tree import Joint, ModelInstanceIndex
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_pregrasp.arrays import FloatArray
@@ -20,13 +20,14 @@ from drake_pregrasp.diagrams.hand_instances import (
     set_default_positions,
 )
 from drake_pregrasp.diagrams.hand_parsing import add_hand_model
-from drake_pregrasp.diagrams.object_plant import add_moving_object
+from drake_pregrasp.diagrams.object_plant import DRAKE, add_moving_object
 from drake_pregrasp.diagrams.wiring import connect, export_inputs
 from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.geometry.solids import HalfSpace
-from drake_pregrasp.systems.hand_kinematics import hand_links
+from drake_pregrasp.systems.hand_kinematics import HandLink, hand_links
 from drake_pregrasp.systems.hand_scene import separate_fingers
 from drake_pregrasp.systems.link_contacts import LinkContacts
+from drake_pregrasp.systems.mujoco_plant import MujocoPlant
 from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 from drake_pregrasp.systems.sources import BodyPose, MovingSolid
 
@@ -71,7 +72,8 @@ class HandStation(Diagram):
     of one finger, and those of the base, do not collide with each other, nor fingers with the base.
     Gravity does not act on the hand, as if it were compensated.
 
-    The attributes `plant` and `scene_graph` hold the plant and its SceneGraph.
+    The attributes `plant` and `scene_graph` hold the plant and its SceneGraph, and `dynamics` the
+    system that simulates the plant.
 
     Args:
         object_config: The object.
@@ -85,13 +87,16 @@ class HandStation(Diagram):
         shape: Shape of the object, if it has been made.
         obstacles: Obstacles that are bodies.
         X_WB: Pose of the base, as for `add_hand_model`.
+        engine: What simulates the plant, one of `ENGINES`.
 
     Raises:
-        InvalidArgumentError: If the hand's model cannot be loaded.
+        InvalidArgumentError: If the hand's model cannot be loaded, or MuJoCo is chosen but not
+            installed.
     """
 
     plant: MultibodyPlant
     scene_graph: SceneGraph
+    dynamics: MultibodyPlant | MujocoPlant
 
     def __init__(
         self,
@@ -107,10 +112,22 @@ class HandStation(Diagram):
         shape: Shape | None = None,
         obstacles: Sequence[MovingSolid] = (),
         X_WB: RigidTransform = FROM_ABOVE,
+        engine: str = DRAKE,
     ) -> None:
         super().__init__()
         builder, models = DiagramBuilder(), list[ModelInstanceIndex]()
-        self.plant, self.scene_graph, X_WO = add_moving_object(
+        links, joints = dict[GeometryId, HandLink](), list[Joint]()
+
+        def separate(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
+            instances = HandInstances(plant, models)
+            joints.extend(instances.moving_joints())
+            set_default_positions(joints, initial)
+            tips = [instances.frame(tip.frame, "fingertips") for tip in hand.fingertips]
+            radii = [tip.radius for tip in hand.fingertips]
+            links.update(hand_links(plant, tips, radii, scene_graph.model_inspector()))
+            separate_fingers(scene_graph.collision_filter_manager(), links)
+
+        self.plant, self.scene_graph, X_WO, self.dynamics = add_moving_object(
             builder,
             shape or object_config.make_shape(),
             object_config.mass,
@@ -119,19 +136,11 @@ class HandStation(Diagram):
             friction=friction,
             obstacles=obstacles,
             add_more=lambda plant: models.extend(add_hand_model(plant, hand, yaw_range, X_WB)),
+            separate_more=separate,
             holds_pose=True,
             shakes=True,
+            engine=engine,
         )
-        instances = HandInstances(self.plant, models)
-        joints = instances.moving_joints()
-        set_default_positions(joints, initial)
-        links = hand_links(
-            self.plant,
-            [instances.frame(tip.frame, "fingertips") for tip in hand.fingertips],
-            [tip.radius for tip in hand.fingertips],
-            self.scene_graph.model_inspector(),
-        )
-        separate_fingers(self.scene_graph.collision_filter_manager(), links)
         contacts = builder.AddNamedSystem(
             "link_contacts",
             LinkContacts(
@@ -139,15 +148,16 @@ class HandStation(Diagram):
                 self.plant.GetCollisionGeometriesForBody(self.plant.GetBodyByName("object")),
                 period=period,
                 time_step=plant_config.time_step,
+                results=self.dynamics.GetOutputPort("contact_results").Allocate(),
             ),
         )
-        connect(builder, self.plant, "contact_results", contacts)
+        connect(builder, self.dynamics, "contact_results", contacts)
         carrier = self.plant.world_body()
         if self.plant.HasBodyNamed("turntable"):
             carrier = self.plant.GetBodyByName("turntable")
         disc = builder.AddNamedSystem("turntable_pose", BodyPose(carrier.index()))
-        builder.Connect(self.plant.get_body_poses_output_port(), disc.get_input_port())
-        desired, state, actuation = hand_ports(builder, self.plant, joints)
+        builder.Connect(self.dynamics.get_body_poses_output_port(), disc.get_input_port())
+        desired, state, actuation = hand_ports(builder, self.plant, joints, self.dynamics)
         builder.ExportInput(desired, "desired_state")
         export_inputs(builder, "grasp_report", builder.GetSubsystemByName("object_shake"))
         builder.ExportOutput(X_WO, "X_WO")

@@ -1,20 +1,24 @@
 """Plant with the moving object, as one diagram."""
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
+import trimesh
 from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import (
     AddMultibodyPlant,
+    ApplyMultibodyPlantConfig,
     ExternallyAppliedSpatialForceMultiplexer,
     MultibodyPlant,
     MultibodyPlantConfig,
 )
-from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
 from drake_pregrasp.config.object_config import (
     Conveyor,
@@ -32,16 +36,35 @@ from drake_pregrasp.diagrams.object_body import (
 )
 from drake_pregrasp.diagrams.object_contact import separate_contacts
 from drake_pregrasp.diagrams.wiring import connect
+from drake_pregrasp.geometry.convex_pieces import convex_pieces
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.geometry.solids import BoxSolid
 from drake_pregrasp.resources import resource_folder
+from drake_pregrasp.systems.mujoco_model import mujoco_substeps
+from drake_pregrasp.systems.mujoco_plant import MujocoPlant
 from drake_pregrasp.systems.object_shake import ObjectShake
 from drake_pregrasp.systems.sources import BodyPose, MovingSolid, ObjectMotion, PoseReplay
 from drake_pregrasp.systems.tossed_body import TossedBody
 
-MovingObject = tuple[MultibodyPlant, SceneGraph, OutputPort]
-"""Plant with the object's body, SceneGraph with its geometry, and the port with its pose X_WO."""
+DRAKE, MUJOCO = ENGINES = ("drake", "mujoco")
+"""Names of the engines that simulate a plant."""
+
+
+class MovingObject(NamedTuple):
+    """A plant with an object, and what simulates it.
+
+    Attributes:
+        plant: Plant with the object's body.
+        scene_graph: SceneGraph with its geometry.
+        X_WO: Port with the object's pose.
+        dynamics: System that simulates the plant: the plant itself, or MuJoCo with a model of it.
+    """
+
+    plant: MultibodyPlant
+    scene_graph: SceneGraph
+    X_WO: OutputPort
+    dynamics: MultibodyPlant | MujocoPlant
 
 
 def add_to_package_map(parser: Parser) -> None:
@@ -67,8 +90,10 @@ def add_moving_object(
     friction: float = FRICTION,
     obstacles: Sequence[MovingSolid] = (),
     add_more: Callable[[MultibodyPlant], object] | None = None,
+    separate_more: Callable[[MultibodyPlant, SceneGraph], object] | None = None,
     holds_pose: bool = False,
     shakes: bool = False,
+    engine: str = DRAKE,
 ) -> MovingObject:
     """Adds a plant with the object, and what moves it.
 
@@ -82,16 +107,21 @@ def add_moving_object(
         obstacles: Obstacles that are bodies.
         add_more: Function that adds more models to the plant, such as a hand. A pusher then moves
             back after the push, so that it leaves them room.
+        separate_more: Function that filters collisions of these models in the finalized plant.
         holds_pose: Whether the pose of a time step is held until the next one (`BodyPose`), for
             ticks whose times equal those of time steps only up to rounding.
         shakes: Whether to add the system `object_shake`, an `ObjectShake`.
+        engine: What simulates the plant, one of `ENGINES`.
 
-    Returns:
-        The plant, its scene graph, and the output port of the object's pose X_WO.
+    Raises:
+        InvalidArgumentError: If MuJoCo is chosen but not installed.
     """
     if isinstance(motion, PoseStream):
         return _add_replay(builder, shape, mass, motion, plant_config)
-    plant, scene_graph = AddMultibodyPlant(plant_config, builder)
+    if engine == DRAKE:
+        plant, scene_graph = AddMultibodyPlant(plant_config, builder)
+    else:
+        plant, scene_graph = _modelled_plant(builder, plant_config)
     slides, mesh = isinstance(motion, Toss), shape.mesh
     body = add_object(plant, shape, mass, friction=friction, slides=slides)
     if isinstance(motion, Conveyor):
@@ -106,9 +136,14 @@ def add_moving_object(
         add_more(plant)
     plant.Finalize()
     separate_contacts(plant, scene_graph, body, is_convex=mesh.is_convex)
+    if separate_more is not None:
+        separate_more(plant, scene_graph)
     plant.SetDefaultFloatingBaseBodyPose(body, initial_pose(motion, shape))
     forces = [builder.AddNamedSystem("object_shake", ObjectShake(body))] if shakes else []
-    if isinstance(motion, Toss):
+    dynamics = plant
+    if engine == MUJOCO:
+        dynamics = _add_mujoco(builder, plant, scene_graph, body, mesh, motion)
+    if isinstance(motion, Toss) and engine == DRAKE:
         solids = [o.solid for o in obstacles if not np.any(o.velocity)]
         solids += [TABLE_TOP] if motion.table else []
         coulomb = 2 * friction * FRICTION / (friction + FRICTION)  # As Drake combines them.
@@ -116,23 +151,61 @@ def add_moving_object(
         tossed = TossedBody(plant, body, launch, points=corners, solids=solids, friction=coulomb)
         forces.append(builder.AddNamedSystem("tossed_body", tossed))
         connect(builder, plant, "body_poses body_spatial_velocities", tossed)
-    else:
+    elif not isinstance(motion, Toss):
         command = builder.AddNamedSystem("object_motion", ObjectMotion(VelocityProfile(profile)))
-        builder.Connect(command.get_output_port(), plant.get_desired_state_input_port(driven))
+        builder.Connect(command.get_output_port(), dynamics.get_desired_state_input_port(driven))
     for index, (instance, speed) in enumerate(moving):
         drive = ObjectMotion(VelocityProfile([[0.0, speed]]))
         builder.AddNamedSystem(f"obstacle_motion_{index}", drive)
-        builder.Connect(drive.get_output_port(), plant.get_desired_state_input_port(instance))
+        builder.Connect(drive.get_output_port(), dynamics.get_desired_state_input_port(instance))
     if forces:
         together = ExternallyAppliedSpatialForceMultiplexer(len(forces))
         builder.AddNamedSystem("spatial_forces", together)
         for index, source in enumerate(forces):
             builder.Connect(source.get_output_port(), together.get_input_port(index))
-        builder.Connect(together.get_output_port(), plant.get_applied_spatial_force_input_port())
+        spatial_forces = dynamics.get_applied_spatial_force_input_port()
+        builder.Connect(together.get_output_port(), spatial_forces)
     body_pose = BodyPose(body.index(), time_step=plant_config.time_step if holds_pose else 0.0)
     pose = builder.AddNamedSystem("object_pose", body_pose)
-    builder.Connect(plant.get_body_poses_output_port(), pose.get_input_port())
-    return plant, scene_graph, pose.get_output_port()
+    builder.Connect(dynamics.get_body_poses_output_port(), pose.get_input_port())
+    return MovingObject(plant, scene_graph, pose.get_output_port(), dynamics)
+
+
+def _modelled_plant(
+    builder: DiagramBuilder, config: MultibodyPlantConfig
+) -> tuple[MultibodyPlant, SceneGraph]:
+    """Returns a plant that is not part of the diagram, and the SceneGraph of its geometry."""
+    plant = MultibodyPlant(config.time_step)
+    ApplyMultibodyPlantConfig(config, plant)
+    scene_graph = builder.AddNamedSystem("scene_graph", SceneGraph())
+    plant.RegisterAsSourceForSceneGraph(scene_graph)
+    return plant, scene_graph
+
+
+def _add_mujoco(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    body: RigidBody,
+    mesh: trimesh.Trimesh,
+    motion: MotionConfig,
+) -> MujocoPlant:
+    """Adds MuJoCo with a model of a plant, and moves the plant's geometry with it."""
+    _, surface = plant.GetCollisionGeometriesForBody(body)
+    velocities = np.zeros(plant.num_velocities())
+    if isinstance(motion, Toss):
+        X_WB = plant.GetDefaultFloatingBaseBodyPose(body)
+        V_WBcm = _launch_velocity(plant, motion, steps=mujoco_substeps(plant))
+        V_WB = V_WBcm.Shift(X_WB.rotation() @ -body.default_com()).get_coeffs()
+        plant.SetVelocitiesInArray(body.model_instance(), V_WB, velocities)
+    pieces, inspector = {surface: convex_pieces(mesh)}, scene_graph.model_inspector()
+    dynamics = MujocoPlant(plant, inspector, pieces, velocities=velocities)
+    builder.AddNamedSystem("plant", dynamics)
+    poses = builder.AddNamedSystem("geometry_poses", MultibodyPositionToGeometryPose(plant, True))
+    builder.Connect(dynamics.get_state_output_port(), poses.get_input_port())
+    source = scene_graph.get_source_pose_port(plant.get_source_id())
+    builder.Connect(poses.get_output_port(), source)
+    return dynamics
 
 
 TIP_RADIUS = 0.012
@@ -180,14 +253,19 @@ TABLE_TOP = BoxSolid(np.array([0.0, 0.0, -0.015]), np.eye(3), np.array([1.2, 0.8
 """The table of `table.sdf` in W."""
 
 
-def _launch_velocity(plant: MultibodyPlant, motion: Toss) -> SpatialVelocity:
+def _launch_velocity(plant: MultibodyPlant, motion: Toss, *, steps: int = 1) -> SpatialVelocity:
     """Returns the velocity of the centre of mass for a launch in the plant's first step.
 
     In time steps of h, a body falls by g t (t + h)/2. A launch that is faster by g h/2 upwards
     makes the parabola of the centre of mass exact at the steps. The orientation of a tumbling body
     still has an error of the order of h.
+
+    Args:
+        plant: The plant.
+        motion: The toss.
+        steps: Number of steps of the engine in one of the plant.
     """
-    half_step = -plant.gravity_field().gravity_vector() * plant.time_step() / 2
+    half_step = -plant.gravity_field().gravity_vector() * plant.time_step() / (2 * steps)
     return SpatialVelocity(w=motion.spin, v=np.array(motion.velocity) + half_step)
 
 
@@ -210,7 +288,7 @@ def _add_replay(
     frame = plant.GetBodyFrameIdOrThrow(body.index())
     replay = builder.AddNamedSystem("pose_replay", PoseReplay(motion.read(), frame))
     builder.Connect(replay.GetOutputPort("geometry_pose"), scene_graph.get_source_pose_port(source))
-    return plant, scene_graph, replay.GetOutputPort("X_WO")
+    return MovingObject(plant, scene_graph, replay.GetOutputPort("X_WO"), plant)
 
 
 class ObjectPlant(Diagram):
@@ -229,7 +307,8 @@ class ObjectPlant(Diagram):
 
     Port `query_object` emits SceneGraph's `QueryObject`, for visualizers.
 
-    The attributes `plant` and `scene_graph` hold the plant and its SceneGraph.
+    The attributes `plant` and `scene_graph` hold the plant and its SceneGraph, and `dynamics` the
+    system that simulates the plant.
 
     Args:
         object_config: The object.
@@ -237,10 +316,12 @@ class ObjectPlant(Diagram):
         plant_config: Time step and contact model.
         shape: Shape of the object, if it has been made.
         obstacles: Obstacles that are bodies.
+        engine: What simulates the plant, one of `ENGINES`.
     """
 
     plant: MultibodyPlant
     scene_graph: SceneGraph
+    dynamics: MultibodyPlant | MujocoPlant
 
     def __init__(
         self,
@@ -250,12 +331,13 @@ class ObjectPlant(Diagram):
         *,
         shape: Shape | None = None,
         obstacles: Sequence[MovingSolid] = (),
+        engine: str = DRAKE,
     ) -> None:
         super().__init__()
         builder = DiagramBuilder()
         shape, mass = shape or object_config.make_shape(), object_config.mass
-        self.plant, self.scene_graph, X_WO = add_moving_object(
-            builder, shape, mass, motion_config, plant_config, obstacles=obstacles
+        self.plant, self.scene_graph, X_WO, self.dynamics = add_moving_object(
+            builder, shape, mass, motion_config, plant_config, obstacles=obstacles, engine=engine
         )
         builder.ExportOutput(X_WO, "X_WO")
         builder.ExportOutput(self.scene_graph.get_query_output_port(), "query_object")

@@ -184,12 +184,12 @@ class LiveRun:
     def nudge(self) -> None:
         """Pushes the object in a random horizontal direction."""
         assert self._diagram is not None
-        plant = self._diagram.GetSubsystemByName("object_plant").plant
+        station = self._diagram.GetSubsystemByName("object_plant")
+        model, dynamics = station.plant.GetModelInstanceByName("object"), station.dynamics
         angle = np.random.default_rng(round(1e3 * self.time)).uniform(0, 2 * np.pi)
-        context = plant.GetMyMutableContextFromRoot(self._simulator.get_mutable_context())
-        model = plant.GetModelInstanceByName("object")
+        context = dynamics.GetMyMutableContextFromRoot(self._simulator.get_mutable_context())
         push = [0.0, 0.0, 0.0, _NUDGE * np.cos(angle), _NUDGE * np.sin(angle), 0.0]
-        plant.SetVelocities(context, model, plant.GetVelocities(context, model) + push)
+        dynamics.SetVelocities(context, model, dynamics.GetVelocities(context, model) + push)
         self.timeline.tell("object is nudged")
 
     def save(self, out: Path) -> Path:

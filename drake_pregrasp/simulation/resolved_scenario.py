@@ -170,6 +170,7 @@ def _resolved(scenario: Scenario, keep: ResolvedScenario | None) -> ResolvedScen
     if model is not None:
         with errors_at("object"):
             start_grasp.check_room(model.description, start.has_contact)
+    raise_first(scenario_check.engine_problems(scenario))
     raise_first(scenario_check.drake_problems(scenario, plant_config))
     return ResolvedScenario(scenario, shape, surface, X_WO, model, start, planner, plant_config)
 

@@ -11,6 +11,7 @@ from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.planner_config import MeasuresConfig, PlannerConfig
 from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.config.surface_config import SurfaceConfig
+from drake_pregrasp.diagrams.object_plant import DRAKE, ENGINES
 from drake_pregrasp.simulation.hand_file import HandConfig, HandFile, HandFrame
 from drake_pregrasp.simulation.obstacle_config import ObstacleConfig
 from drake_pregrasp.systems.pose_sensor import MAX_SEED
@@ -66,6 +67,10 @@ class Scenario:
             time_step=TIME_STEP, use_sampled_output_ports=False
         )
     )
+
+    # What simulates the plant: `drake`, or `mujoco` (extra `mujoco`) with the same bodies, joints,
+    # drives and geometries, but another model of contact.
+    engine: str = field(default=DRAKE, metadata={"one_of": ENGINES})
 
     object: object_config.ObjectConfig = field(default_factory=object_config.Box)
     motion: object_config.MotionConfig = field(default_factory=object_config.Conveyor)

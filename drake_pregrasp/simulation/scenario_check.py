@@ -31,6 +31,7 @@ from drake_pregrasp.config.sensor_config import fault_problems
 from drake_pregrasp.contacts.strategies import BLEND, STRATEGIES
 from drake_pregrasp.diagrams.expected_path import expected_poses
 from drake_pregrasp.diagrams.hand_parsing import failures_as_errors
+from drake_pregrasp.diagrams.object_plant import MUJOCO
 from drake_pregrasp.errors import Problems, ScenarioError, errors_at, first_line, raise_first
 from drake_pregrasp.geometry.resting import FIRM, settled_rotation
 from drake_pregrasp.geometry.shapes import Shape
@@ -39,6 +40,7 @@ from drake_pregrasp.regions.coordinates import GIVEN, QUANTITIES
 from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
 from drake_pregrasp.simulation.obstacle_config import moving_solid
 from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.systems.mujoco_model import import_mujoco
 
 MAX_TICKS = 5_000_000
 """Largest number of planning ticks of a run, and of control ticks: each is a row of a log."""
@@ -346,6 +348,15 @@ def _reach_problems(scenario: Scenario, limits: LimitsConfig, surface: ObjectSur
         if gap > 0:
             problem = f"the object is never nearer to it than {gap:.3g} m: move or enlarge it"
             yield f"planner.limits.reach[{index}]", problem
+
+
+def engine_problems(scenario: Scenario) -> Problems:
+    """Yields the reasons why an engine other than Drake cannot simulate a scenario."""
+    if scenario.engine == MUJOCO:
+        if isinstance(scenario.motion, PoseStream):
+            yield "engine", f"{MUJOCO} simulates nothing if the poses are recorded; leave it out"
+        with errors_at("engine"):
+            import_mujoco()
 
 
 def drake_problems(scenario: Scenario, plant: MultibodyPlantConfig) -> Problems:

@@ -126,6 +126,7 @@ def _add_object(builder: DiagramBuilder, resolved: ResolvedScenario) -> ObjectPl
         resolved.plant_config,
         shape=resolved.shape,
         obstacles=resolved.obstacle_bodies,
+        engine=scenario.engine,
     )
     builder.AddNamedSystem("object_plant", plant)
     return plant
@@ -196,6 +197,7 @@ def _add_hand(
             shape=resolved.shape,
             obstacles=resolved.obstacle_bodies,
             X_WB=model.X_WB,
+            engine=scenario.engine,
         ),
     )
     connect(builder, station, "hand_state net_actuation", hand.controller)

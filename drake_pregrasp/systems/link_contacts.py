@@ -10,6 +10,7 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from drake_pregrasp.arrays import FloatArray, tick_index
 from drake_pregrasp.systems.hand_kinematics import HandLink
+from drake_pregrasp.systems.mujoco_plant import PairForce
 
 TOUCHED = ("object", "surroundings", "hand")
 """Names of the elements of `link_forces`: the kinds of things that links touch."""
@@ -26,7 +27,8 @@ class LinkContacts(LeafSystem):
         output_ports:
         - link_forces
 
-    Port `contact_results` accepts the `ContactResults` of a MultibodyPlant with a hand.
+    Port `contact_results` accepts the `ContactResults` of a MultibodyPlant with a hand, or the list
+    of `PairForce` of a `MujocoPlant`.
 
     Port `link_forces` emits a vector of 3: the largest forces since the last tick, in newtons,
     between such a link and the object, the surroundings such as the table, and another finger.
@@ -36,6 +38,7 @@ class LinkContacts(LeafSystem):
         touched: Collision geometries of the object.
         period: Seconds between ticks.
         time_step: Time step of the plant, in seconds.
+        results: Model value of port `contact_results`; None for `ContactResults`.
     """
 
     def __init__(
@@ -45,11 +48,12 @@ class LinkContacts(LeafSystem):
         *,
         period: float,
         time_step: float,
+        results: AbstractValue | None = None,
     ) -> None:
         super().__init__()
         self._links, self._object, self._period = links, frozenset(touched), period
         self._results = self.DeclareAbstractInputPort(
-            "contact_results", AbstractValue.Make(ContactResults())
+            "contact_results", results or AbstractValue.Make(ContactResults())
         )
         self._largest = self.DeclareDiscreteState(len(TOUCHED))
         self._last = self.DeclareDiscreteState([0.0])
@@ -73,9 +77,12 @@ class LinkContacts(LeafSystem):
 
 
 def _contacts(
-    results: ContactResults,
+    results: ContactResults | list[PairForce],
 ) -> Iterator[tuple[GeometryId, GeometryId, Callable[[], FloatArray]]]:
     """Yields the geometries of each contact, and a function that returns its force in W."""
+    if isinstance(results, list):
+        yield from ((one, other, lambda f=force: f) for one, other, force in results)
+        return
     for index in range(results.num_point_pair_contacts()):
         point = results.point_pair_contact_info(index)
         pair = point.point_pair()

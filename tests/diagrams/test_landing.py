@@ -45,7 +45,7 @@ def motion_over_time(config, motion, duration, *, friction=FRICTION, obstacles=(
     """Times, positions (t, 3) and rotations (t, 3, 3) of O in W at each default time step."""
     scenario, builder = Scenario(object=config, motion=motion), DiagramBuilder()
     settings = resolve(scenario).plant_config
-    _, _, X_WO = add_moving_object(
+    _, _, X_WO, _ = add_moving_object(
         builder,
         config.make_shape(),
         config.mass,

@@ -97,7 +97,7 @@ def test_a_link_without_hydroelastic_properties_falls_into_a_cup_and_lies_on_its
         plant.RegisterCollisionGeometry(link, X_BG, capsule, "link", friction)
         plant.SetDefaultFloatingBaseBodyPose(link, RigidTransform([0.0, 0.0, HEIGHT / 2]))
 
-    plant, _, _ = add_moving_object(
+    plant, *_ = add_moving_object(
         builder,
         OBJECTS["cup"].make_shape(),
         OBJECTS["cup"].mass,

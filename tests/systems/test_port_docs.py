@@ -5,19 +5,23 @@ import inspect
 import itertools
 import pkgutil
 import re
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
 import yaml
 from driven import port_names
+from five_finger_hand import HAND
 from made_systems import AROUND, FRAMES
 from pydrake.geometry import Meshcat, MeshcatParams
+from pydrake.planning import RobotDiagramBuilder
 from pydrake.systems.framework import Diagram, System
 
 import drake_pregrasp.diagrams
 import drake_pregrasp.studies
 import drake_pregrasp.systems
 from drake_pregrasp import LimitsConfig, load_scenario
+from drake_pregrasp.diagrams.hand_parsing import add_hand_model
 from drake_pregrasp.geometry.solids import BoxSolid
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.studies.grasps.baseline_goals import (
@@ -25,6 +29,7 @@ from drake_pregrasp.studies.grasps.baseline_goals import (
     ReactiveChoice,
     StationaryHand,
 )
+from drake_pregrasp.systems.mujoco_plant import MujocoPlant
 
 CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)))
 SCENARIOS = ("toss", "pose_stream", "reach", "passing_ball", "grasp_five_finger")
@@ -45,13 +50,26 @@ def made_diagrams():
         yield make_diagram(scenario, meshcat=meshcat, **sinks)
 
 
+def mujoco_plants():
+    """MuJoCo with a hand, if the extra `mujoco` is installed."""
+    if find_spec("mujoco"):
+        builder = RobotDiagramBuilder(time_step=0.01)
+        add_hand_model(builder.plant(), HAND.description)
+        builder.plant().Finalize()
+        diagram = builder.Build()
+        yield MujocoPlant(diagram.plant(), diagram.scene_graph().model_inspector())
+
+
 @pytest.fixture(scope="module")
 def systems() -> dict[type, System]:
     limits = LimitsConfig(tip_radii=[0.009] * 5)
     solid, corners = BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1)), 0.05 * CORNERS
     cube = {"target": RayTarget(solid, corners, np.zeros(3)), "limits": limits}
     stationary = StationaryHand(FRAMES, azimuths=AROUND, **cube)
-    others = (ReactiveChoice(FRAMES, **cube, period=0.05),)
+    others = (
+        *mujoco_plants(),
+        ReactiveChoice(FRAMES, **cube, period=0.05),
+    )
     alone = stationary, *others
     made = itertools.chain(alone, *map(all_parts, made_diagrams()))
     by_class = {type(system): system for system in made}
@@ -71,7 +89,7 @@ def system_classes() -> set[type]:
 
 
 def test_every_system_is_looked_at(systems) -> None:
-    assert system_classes() == set(systems)
+    assert system_classes() - set(systems) <= ({MujocoPlant} if not find_spec("mujoco") else set())
 
 
 def test_port_blocks_equal_the_ports(systems) -> None:
