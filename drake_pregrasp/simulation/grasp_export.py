@@ -1,0 +1,154 @@
+"""Commanded motion and postures of a grasp, as a file of arrays for other simulators."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RigidBody
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.grasping.grasp_state import GraspPhase, describe_give_up
+from drake_pregrasp.simulation.output import replacing, writing
+from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
+from drake_pregrasp.simulation.run_log import pose_values
+from drake_pregrasp.simulation.scenario_file import dump_scenario
+from drake_pregrasp.simulation.simulation_diagram import make_diagram, make_simulator
+
+POSTURES = ("pregrasp", "grasp", "squeeze")
+"""Names of the postures, in the order of time."""
+
+_TEXTS = ("scenario", "joint_names", "palm_name")
+_SIZES = {"vertices": 2, "faces": 2, "mass": 0, "friction": 0} | {
+    f"{name}_{part}": 1 for name in POSTURES for part in ("q", "X_WO", "X_WP")
+}
+
+
+def export_grasp(name: str, resolved: ResolvedScenario, path: Path) -> dict[str, Any]:
+    """Simulates a grasp, writes its arrays to an `.npz` file, and returns them.
+
+    docs/second_engine.md lists the arrays.
+
+    Args:
+        name: Name of the scenario.
+        resolved: Scenario with a hand.
+        path: File to write.
+
+    Raises:
+        InvalidArgumentError: If the scenario has no hand, or the hand lifts nothing.
+        OutputError: If the file cannot be written.
+    """
+    if resolved.hand is None:
+        raise InvalidArgumentError(f"{name}: has no hand whose motion could be exported")
+    arrays = commanded_motion(resolved)
+    arrays |= _postures(resolved, arrays) | _object(resolved)
+    arrays["scenario"] = np.array(dump_scenario(name, resolved.scenario))
+    with writing(path), replacing(path) as partial, partial.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+    return arrays
+
+
+def commanded_motion(resolved: ResolvedScenario) -> dict[str, Any]:
+    """Simulates a scenario with a hand, and returns its motion at each control tick.
+
+    Args:
+        resolved: Scenario with a hand.
+    """
+    assert resolved.hand is not None
+    diagram, scenario = make_diagram(resolved), resolved.scenario
+    simulator, period = make_simulator(diagram, scenario), scenario.grasp.period
+    controller = diagram.GetSubsystemByName("hand_controller")
+    station, context = diagram.GetSubsystemByName("object_plant"), simulator.get_mutable_context()
+    ports = [controller.GetOutputPort(port) for port in ("desired_state", "grasp_report")]
+    ports += [station.GetOutputPort(port) for port in ("hand_state", "X_WO")]
+    rows = []
+    for tick in range(int(scenario.simulation_duration / period + 1e-9) + 1):
+        simulator.AdvanceTo(tick * period)
+        desired, report, state, X_WO = (
+            port.Eval(port.get_system().GetMyContextFromRoot(context)) for port in ports
+        )
+        # A copy, because Drake overwrites the poses of ports.
+        X_WO = RigidTransform(X_WO)
+        rows.append((tick * period, *np.split(desired, 2), *np.split(state, 2), report, X_WO))
+    time, q_desired, v_desired, q, v, report, X_WO = zip(*rows, strict=True)
+    return {
+        "joint_names": np.array(_joint_names(resolved.hand.kinematics.plant)),
+        "time": np.array(time),
+        "q_desired": np.array(q_desired),
+        "v_desired": np.array(v_desired),
+        "q": np.array(q),
+        "v": np.array(v),
+        "phase": np.array(report)[:, 0],
+        "X_WO": np.array([pose_values(X) for X in X_WO]),
+        "gave_up": np.array(describe_give_up(int(report[-1][2]), report[-1][3]) or ""),
+    }
+
+
+def _joint_names(plant: MultibodyPlant) -> list[str]:
+    joints = map(plant.get_joint, plant.GetJointIndices())
+    moving = sorted((j.position_start(), j.name()) for j in joints if j.num_positions())
+    return [name for _, name in moving]
+
+
+def _postures(resolved: ResolvedScenario, motion: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the postures before closing, at the touch, and at the end of the squeeze."""
+    phase = motion["phase"]
+    starts = [np.flatnonzero(phase == p) for p in (GraspPhase.CLOSE, GraspPhase.SQUEEZE)]
+    lift = np.flatnonzero(phase == GraspPhase.LIFT)
+    if not len(lift):
+        why = str(motion["gave_up"]) or "it did not lift the object in the time of the scenario"
+        raise InvalidArgumentError(f"the hand has no grasp to export: {why}")
+    ticks = int(starts[0][0]) - 1, int(starts[1][0]), int(lift[0])
+    found = motion["q_desired"][ticks[0]], motion["q"][ticks[1]], motion["q_desired"][ticks[2]]
+    assert resolved.hand is not None
+    palm = palm_body(resolved)
+    plant, arrays = resolved.hand.kinematics.plant, {"palm_name": np.array(palm.name())}
+    context = plant.CreateDefaultContext()
+    for name, tick, q in zip(POSTURES, ticks, found, strict=True):
+        plant.SetPositions(context, q)
+        arrays[f"{name}_time"], arrays[f"{name}_q"] = motion["time"][tick], q
+        arrays[f"{name}_X_WO"] = motion["X_WO"][tick]
+        arrays[f"{name}_X_WP"] = pose_values(plant.EvalBodyPoseInWorld(context, palm))
+    return arrays
+
+
+def palm_body(resolved: ResolvedScenario) -> RigidBody:
+    """Returns the link on which the fingers of a scenario's hand hang."""
+    assert resolved.hand is not None
+    kinematics = resolved.hand.kinematics
+    plant, first = kinematics.plant, int(min(kinematics.own_joints(0)))
+    joints = map(plant.get_joint, plant.GetJointIndices())
+    (joint,) = (j for j in joints if j.num_positions() and j.position_start() == first)
+    return joint.parent_body()
+
+
+def _object(resolved: ResolvedScenario) -> dict[str, FloatArray]:
+    mesh, scenario = resolved.shape.mesh, resolved.scenario
+    return {
+        "vertices": np.array(mesh.vertices),
+        "faces": np.array(mesh.faces),
+        "mass": np.array(scenario.object.mass),
+        "friction": np.array(scenario.grasp.friction),
+    }
+
+
+def read_export(path: Path) -> dict[str, Any]:
+    """Returns the arrays of a file that `export_grasp` has written.
+
+    Raises:
+        InvalidArgumentError: If it is no such file.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in (*_TEXTS, *_SIZES)}
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+        raise InvalidArgumentError(f"{path}: is no file of drake-pregrasp export: {error}") from error
+    for name, dimensions in _SIZES.items():
+        array = arrays[name]
+        if array.ndim != dimensions or not np.all(np.isfinite(array)):
+            raise InvalidArgumentError(f"{path}: {name} must be finite, of {dimensions} dimensions")
+    return arrays
