@@ -146,7 +146,9 @@ def read_export(path: Path) -> dict[str, Any]:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in (*_TEXTS, *_SIZES)}
     except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-        raise InvalidArgumentError(f"{path}: is no file of drake-pregrasp export: {error}") from error
+        raise InvalidArgumentError(
+            f"{path}: is no file of drake-pregrasp export: {error}"
+        ) from error
     for name, dimensions in _SIZES.items():
         array = arrays[name]
         if array.ndim != dimensions or not np.all(np.isfinite(array)):

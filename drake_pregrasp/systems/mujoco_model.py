@@ -47,7 +47,7 @@ _SOLIMP = (0.5, 0.99, 1e-4, 0.5, 2.0)
 _IMPRATIO = 10.0  # Of the impedances along and across the contact surface, as DexGraspBench's.
 _NOSLIP_ITERATIONS = 3  # Against the creep of soft friction.
 _CONDIM = 3  # Contacts resist sliding, but neither twisting nor rolling, as points do in Drake.
-_STIFF_RATIO = 2.0  # Of d h / I, above which a drive gets so much inertia that it has the next one.
+_STIFF_RATIO = 4.0  # Of d h / I, above which a drive gets so much inertia that it has the next one.
 _INERT_RATIO = 0.1
 _UNLIMITED = 1e9  # Of a joint that is limited on its other side only, in metres or radians.
 
@@ -207,8 +207,8 @@ def _add_drive(mujoco: Any, spec: Any, actuator: JointActuator, inertia: float) 
 
     MuJoCo integrates the damping d of a drive implicitly, but its contacts do not see that: in a
     time step h they carry an object along with a velocity that is too large by the factor
-    1 + d h / I for the inertia I at the joint. The turntable of a conveyor, with a factor of 11,
-    would throw what it carries. Such a drive is made inert, because it prescribes the motion.
+    1 + d h / I for the inertia I at the joint. Fingers have a factor of 1.2, and wrists of arms up
+    to 3. The turntable of a conveyor, with a factor of 6, would throw what it carries. Such a drive is made inert, because it prescribes the motion.
 
     Args:
         mujoco: The module.

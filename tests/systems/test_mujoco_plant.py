@@ -4,8 +4,14 @@ import numpy as np
 import pytest
 from conftest import usable_hands
 from driven import Driven
+from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
-from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import (
+    AddMultibodyPlant,
+    ExternallyAppliedSpatialForce,
+    MultibodyPlantConfig,
+)
 from pydrake.multibody.tree import BodyIndex, ScrewJoint
 from pydrake.planning import RobotDiagramBuilder
 from pydrake.systems.framework import DiagramBuilder
@@ -250,3 +256,19 @@ def test_a_joint_without_counterpart_is_named():
     diagram = builder.Build()
     with pytest.raises(InvalidArgumentError, match=r"joint thread is a screw joint"):
         mujoco_model(plant, diagram.scene_graph().model_inspector())
+
+
+def test_a_force_beside_the_centre_of_mass_accelerates_and_turns_a_body():
+    toss = Toss([0.0, 0.0, 1.0], velocity=[0.0, 0.0, 0.0], table=False)
+    plant, config = station(Box(), toss), Box()
+    dynamics, body = plant.dynamics, plant.plant.GetBodyByName("object")
+    driven = Driven(dynamics)
+    force, lever, t = ExternallyAppliedSpatialForce(), 0.01, 0.02
+    force.body_index, force.p_BoBq_B = body.index(), [0.0, lever, 0.0]
+    force.F_Bq_W = SpatialForce(tau=np.zeros(3), f=[2.0, 0.0, 0.0])
+    driven.fix(applied_spatial_force=AbstractValue.Make([force]))
+    driven.advance(t - TIME_STEP / 2)
+    w_v = driven.array("state")[-6:]
+    inertia = config.mass * config.size[0] ** 2 / 6
+    assert w_v[3] == pytest.approx(2.0 / config.mass * t, rel=1e-3)
+    assert w_v[2] == pytest.approx(-2.0 * lever / inertia * t, rel=1e-3)
