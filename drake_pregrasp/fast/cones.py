@@ -55,6 +55,79 @@ def is_inside(x, dx, step):  # type: ignore[no-untyped-def]
     return True
 
 
+@compiled()
+def root(x):  # type: ignore[no-untyped-def]
+    """Returns the root of the determinant x_0² - |x_t|² of a vector x inside its cone."""
+    return math.sqrt(distance(x) * (2.0 * x[0] - distance(x)))
+
+
+@compiled()
+def write_normal_equations(A, s, g, c, aim, M, dy, ds, dg, u, w):  # type: ignore[no-untyped-def]
+    """Writes the matrix of a step's linear equations in dy, and their right side; see below.
+
+    Args:
+        A: Matrices A_i, shape (n, k, 6).
+        s: Vectors s_i, shape (n, k).
+        g: Multipliers g_i, shape (n, k).
+        c: Gradient of the dual, shape (6,).
+        aim: Aim m of the step.
+        M: Result, the sum of A_iᵀ H_i A_i, shape (6, 6), below and on its diagonal.
+        dy: Result, the right side, shape (6,).
+        ds: Result for `write_direction`, the scaling of each cone, shape (n, k).
+        dg: Result for `write_direction`, m s_i⁻¹, shape (n, k).
+        u: Memory, shape (6,).
+        w: Memory, shape (k,).
+    """
+    n, k, _ = A.shape
+    M[:] = 0.0
+    for j in range(6):
+        dy[j] = -c[j]
+    for i in range(n):
+        # Of s and g over the roots of their determinants, w is half-way.
+        root_s, root_g = root(s[i]), root(g[i])
+        scale, product = root_g / root_s, 0.0
+        for a in range(k):
+            product += s[i, a] * g[i, a] / (root_s * root_g)
+        for a in range(k):
+            sign = 1.0 if a == 0 else -1.0
+            half = math.sqrt(2.0 * (1.0 + product))
+            w[a] = (g[i, a] / root_g + sign * s[i, a] / root_s) / half
+            # H = scale (2 w wᵀ - J), of which ds and dg keep what the second pass needs.
+            ds[i, a] = w[a]
+            dg[i, a] = aim * sign * s[i, a] / (root_s * root_s)
+        for j in range(6):
+            u[j] = 0.0
+            for a in range(k):
+                u[j] += w[a] * A[i, a, j]
+                dy[j] -= dg[i, a] * A[i, a, j]
+        for j in range(6):
+            for m in range(j + 1):
+                across = 2.0 * u[j] * u[m] - A[i, 0, j] * A[i, 0, m]
+                for a in range(1, k):
+                    across += A[i, a, j] * A[i, a, m]
+                M[j, m] += scale * across
+
+
+@compiled()
+def write_direction(A, s, g, dy, ds, dg, w):  # type: ignore[no-untyped-def]
+    """Writes the steps of s and g, after those of y; the arguments are as before."""
+    n, k, _ = A.shape
+    for i in range(n):
+        for a in range(k):
+            w[a] = ds[i, a]
+        root_s, root_g = root(s[i]), root(g[i])
+        product = 0.0
+        for a in range(k):
+            ds[i, a] = 0.0
+            for j in range(6):
+                ds[i, a] -= A[i, a, j] * dy[j]
+            product += w[a] * ds[i, a]
+        for a in range(k):
+            sign = 1.0 if a == 0 else -1.0
+            turned = root_g / root_s * (2.0 * w[a] * product - sign * ds[i, a])
+            dg[i, a] -= g[i, a] + turned
+
+
 @compiled("f8(f8[:,:,::1])")
 def compiled_largest_minimum(B):  # type: ignore[no-untyped-def]
     """Returns `largest_minimum` by a primal-dual method with the scaling of Nesterov and Todd.
@@ -95,34 +168,7 @@ def compiled_largest_minimum(B):  # type: ignore[no-untyped-def]
         if value <= 0.0 or (gap < _GAP and residual < _GAP):
             return max(0.0, value)
         aim = _CENTRING * gap
-        M[:] = 0.0
-        for j in range(6):
-            dy[j] = -c[j]
-        for i in range(n):
-            # Of s and g over the roots of their determinants, w is half-way.
-            root_s = math.sqrt(distance(s[i]) * (2.0 * s[i, 0] - distance(s[i])))
-            root_g = math.sqrt(distance(g[i]) * (2.0 * g[i, 0] - distance(g[i])))
-            scale, product = root_g / root_s, 0.0
-            for a in range(k):
-                product += s[i, a] * g[i, a] / (root_s * root_g)
-            for a in range(k):
-                sign = 1.0 if a == 0 else -1.0
-                half = math.sqrt(2.0 * (1.0 + product))
-                w[a] = (g[i, a] / root_g + sign * s[i, a] / root_s) / half
-                # H = scale (2 w wᵀ - J), of which ds and dg keep what the second pass needs.
-                ds[i, a] = w[a]
-                dg[i, a] = aim * sign * s[i, a] / (root_s * root_s)
-            for j in range(6):
-                u[j] = 0.0
-                for a in range(k):
-                    u[j] += w[a] * A[i, a, j]
-                    dy[j] -= dg[i, a] * A[i, a, j]
-            for j in range(6):
-                for m in range(j + 1):
-                    across = 2.0 * u[j] * u[m] - A[i, 0, j] * A[i, 0, m]
-                    for a in range(1, k):
-                        across += A[i, a, j] * A[i, a, m]
-                    M[j, m] += scale * across
+        write_normal_equations(A, s, g, c, aim, M, dy, ds, dg, u, w)
         if iteration == 0:  # H is the identity.
             trace = 0.0
             for j in range(6):
@@ -130,21 +176,7 @@ def compiled_largest_minimum(B):  # type: ignore[no-untyped-def]
             if not np.linalg.eigvalsh(M)[0] > LEAST_SPREAD * trace:
                 return 0.0
         factor_and_solve(M, dy)
-        for i in range(n):
-            for a in range(k):
-                w[a] = ds[i, a]
-            root_s = math.sqrt(distance(s[i]) * (2.0 * s[i, 0] - distance(s[i])))
-            root_g = math.sqrt(distance(g[i]) * (2.0 * g[i, 0] - distance(g[i])))
-            product = 0.0
-            for a in range(k):
-                ds[i, a] = 0.0
-                for j in range(6):
-                    ds[i, a] -= A[i, a, j] * dy[j]
-                product += w[a] * ds[i, a]
-            for a in range(k):
-                sign = 1.0 if a == 0 else -1.0
-                turned = root_g / root_s * (2.0 * w[a] * product - sign * ds[i, a])
-                dg[i, a] -= g[i, a] + turned
+        write_direction(A, s, g, dy, ds, dg, w)
         step = 1.0
         while step > _GAP and not (is_inside(s, ds, step) and is_inside(g, dg, step)):
             step *= _SHORTER

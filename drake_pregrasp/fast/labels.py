@@ -120,6 +120,36 @@ def count_of(labels, size, label):  # type: ignore[no-untyped-def]
     return count
 
 
+@compiled()
+def write_slack(c, h, by_axis, bounds, largest, half_power, slack):  # type: ignore[no-untyped-def]
+    """Writes what rounding may change, and returns the extent of what is compared, in metres.
+
+    Args:
+        c: Contacts, shape (n, d), in metres.
+        h: Weights h_i, shape (n,), in m².
+        by_axis: Normals of the half-spaces, shape (n, d, m), in metres.
+        bounds: Their bounds, shape (n, m), in m².
+        largest: Largest coordinate of the candidates, in metres.
+        half_power: Result, (|c_i|² - h_i)/2, shape (n,), in m².
+        slack: Result, the rounding of each half-space's test, shape (n, m), in m².
+    """
+    (n, d, m), extent = by_axis.shape, 0.0
+    for i in range(n):
+        square = 0.0
+        for axis in range(d):
+            square += c[i, axis] * c[i, axis]
+            extent = max(extent, abs(c[i, axis]))
+        half_power[i] = (square - h[i]) / 2.0  # Infinite for lost fingers.
+    extent = 2.0 * max(extent, largest)
+    for i in range(n):
+        for j in range(m):
+            size = 0.0
+            for axis in range(d):
+                size += abs(by_axis[i, axis, j])
+            slack[i, j] = _SLACK * (abs(bounds[i, j]) + extent * size)
+    return extent
+
+
 @compiled(
     "Tuple((i8[::1], i8[::1], i8[::1], i8[:,:,::1]))"
     "(Tuple((f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[:,::1], f8)), f8[:,::1], f8[::1],"
@@ -162,20 +192,8 @@ def label_blocks(  # type: ignore[no-untyped-def]
     over, reach, cutting = np.empty(max(m, len(points))), np.empty(m), np.empty(m + 1, np.int64)
     near_lists = np.empty(len(solids), np.int64), np.empty(len(points), np.int64)
     powers, which, everybody = np.empty(n), np.empty(n, np.int64), np.arange(n)
-    half_power, extent, slack = np.empty(n), 0.0, np.empty((n, m))
-    for i in range(n):
-        square = 0.0
-        for axis in range(d):
-            square += c[i, axis] * c[i, axis]
-            extent = max(extent, abs(c[i, axis]))
-        half_power[i] = (square - h[i]) / 2.0  # Infinite for lost fingers.
-    extent = 2.0 * max(extent, largest)
-    for i in range(n):
-        for j in range(m):
-            size = 0.0
-            for axis in range(d):
-                size += abs(by_axis[i, axis, j])
-            slack[i, j] = _SLACK * (abs(bounds[i, j]) + extent * size)
+    half_power, slack = np.empty(n), np.empty((n, m))
+    extent = write_slack(c, h, by_axis, bounds, largest, half_power, slack)
     for block in range(len(boxes)):
         start, stop, box = starts[block], starts[block + 1], boxes[block]
         places, size = order[start:stop], stop - start
