@@ -35,7 +35,8 @@ HEAD = """<?xml version="1.0"?>
      420 mm/s and acceleration 5 m/s2 of the jaws relative to each other, mass 1.2 kg, size 146 x 50
      x 70 mm. Each jaw has half of stroke, speed, acceleration and force, as the gripping force is
      the sum of both. The data sheet does not state the inertia of motor and spindle: a jaw is
-     driven as if they had the mass of 1 kg.
+     driven as if they had the mass of 1 kg. Its gain is low, as that of a drive that limits force:
+     a jaw that is 1 mm off presses with 1 N.
      Pads: polyurethane with a Young's modulus of 10 MPa.
      Axes: those of five_finger_hand.sdf, whose comment names their sources. -->
 <sdf version="1.9" xmlns:drake="http://drake.mit.edu">
@@ -82,8 +83,8 @@ JAW_DRIVE = {
     "acceleration": 2.5,
     "rotor": 1.0,
     "gears": 1,
-    "p": "5000",
-    "d": "150",
+    "p": "1000",
+    "d": "70",
 }
 
 
