@@ -14,7 +14,9 @@ from drake_pregrasp.diagrams.hand_instances import HandInstances
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.systems.palm_frames import pose_error, turned_frame
 
+_STARTS = 6  # Postures from which an arm searches its initial pose: home, and random ones.
 _STEPS = 300  # Largest number of steps of an arm to its initial pose.
+_STILL = 1e-4  # Largest step of a joint that ends a search, in radians.
 _ARRIVED = 1e-5  # Largest error of the palm at its initial pose, in metres and radians.
 _DAMPING = 1e-4  # Damping of joint steps against palm steps, in metres or radians of the palm.
 _LARGEST_STEP = 0.2  # Largest step of a joint, in radians.
@@ -176,17 +178,24 @@ class PalmArm:
             yaw: Yaw of the palm, in radians.
 
         Raises:
-            InvalidArgumentError: If the arm cannot hold the palm there.
+            InvalidArgumentError: If the arm cannot hold the palm there; the message has its error.
         """
-        X_WP = self.palm_goal(p_WCoM, yaw)
-        context = self._plant.CreateDefaultContext()
+        X_WP, arm, errors = self.palm_goal(p_WCoM, yaw), self.kinematics, []
+        context, random = self._plant.CreateDefaultContext(), np.random.default_rng(0)
+        low, high = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
         posed = home = self.placed(q)
-        for _ in range(_STEPS):
-            posed = self.kinematics.step_to(context, posed, X_WP, home)
-            self._plant.SetPositions(context, posed)
-            error = pose_error(self.kinematics.palm_pose(context), X_WP)
-            if np.max(np.abs(error)) < _ARRIVED:
-                return posed
+        for _ in range(_STARTS):
+            for _ in range(_STEPS):
+                before, posed = posed, arm.step_to(context, posed, X_WP, home)
+                self._plant.SetPositions(context, posed)
+                errors.append(pose_error(arm.palm_pose(context), X_WP))
+                if np.max(np.abs(errors[-1])) < _ARRIVED:
+                    return posed
+                if np.max(np.abs(posed - before)) < _STILL:
+                    break
+            posed = home = np.array(home)
+            posed[self.joints] = random.uniform(low, high)
+        error = min(errors, key=lambda error: float(np.linalg.norm(error)))
         place = ", ".join(f"{x:.3g}" for x in X_WP.translation())
         raise InvalidArgumentError(
             f"base: the arm cannot hold the palm at ({place}) m, turned by {yaw:.3g} rad; it stays"

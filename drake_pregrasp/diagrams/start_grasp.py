@@ -150,20 +150,21 @@ def _contacts_or_reason(
 
     It is the arm's reach if the palm is held at no yaw, or if only that prevents a grasp.
     """
+    tried = np.unique(np.clip(np.linspace(-np.pi, np.pi, _PALM_YAWS), *hand.yaw_range))
+    yaws = sorted(tried.tolist(), key=abs)
+    if all(map(palm_problem, yaws)):
+        raise NoGraspError(Lack.ARM, palm_problem(yaws[0]))
     try:
         return choose_start_contacts(surface, solid, hand)
     except NoGraspError as error:
-        tried = np.unique(np.clip(np.linspace(-np.pi, np.pi, _PALM_YAWS), *hand.yaw_range))
-        problems = [palm_problem(yaw) for yaw in sorted(tried.tolist(), key=abs)]
-        missed = [problem for problem in problems if problem]
-        if not missed:
+        if not (missed := list(filter(None, map(palm_problem, yaws)))):
             raise
-        detail = missed[0]
-        if held := len(problems) - len(missed):
+        try:
             choose_start_contacts(surface, solid, replace(hand, holds_palm=lambda yaw: True))
-            detail = (
-                f"of {len(problems)} yaws, the palm is held at {held}, without a grasp: {detail}"
-            )
+        except NoGraspError:
+            raise error from None
+        held = f"the palm is held at {len(yaws) - len(missed)} of {len(yaws)} yaws"
+        detail = f"{held}, and fingers grasp at none of these: {missed[0]}"
         raise NoGraspError(Lack.ARM, detail) from error
 
 
