@@ -3,9 +3,10 @@
 import contextlib
 import difflib
 import traceback
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from enum import StrEnum
 from pathlib import Path
+from typing import Self
 
 LONGEST_MESSAGE = 4000
 """Most characters of an error message about a scenario."""
@@ -22,6 +23,48 @@ class PregraspError(Exception):
 
 class InvalidArgumentError(PregraspError, ValueError):
     """An argument of a function, a class or a port is invalid."""
+
+
+class ProblemsError(InvalidArgumentError):
+    """Several arguments are invalid.
+
+    Args:
+        problems: The problem of each of them, in one line.
+
+    Attributes:
+        problems: The same.
+    """
+
+    def __init__(self, problems: Sequence[str]) -> None:
+        super().__init__("; ".join(problems))
+        self.problems = list(problems)
+
+
+class ProblemCollector:
+    """Collects the problems of independent parts, and raises them all at the end of its block."""
+
+    def __init__(self) -> None:
+        self._problems: list[str] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
+        if kind is None and self._problems:
+            raise ProblemsError(self._problems)
+
+    @contextlib.contextmanager
+    def part(self) -> Iterator[None]:
+        """Keeps an `InvalidArgumentError` of a part for the end."""
+        try:
+            yield
+        except InvalidArgumentError as error:
+            self._problems += problems_of(error)
+
+
+def problems_of(error: PregraspError) -> list[str]:
+    """Returns the problems that an error tells of, one or several."""
+    return error.problems if isinstance(error, ProblemsError) else [str(error)]
 
 
 class NoSurfaceError(InvalidArgumentError):

@@ -17,10 +17,16 @@ from pydrake.multibody.tree import (
     WeldJoint,
 )
 
-from drake_pregrasp.config.hand_description import Carrier, Drive, HandDescription, Mount
+from drake_pregrasp.config.hand_description import (
+    Carrier,
+    Drive,
+    HandDescription,
+    LockedJoint,
+    Mount,
+)
 from drake_pregrasp.diagrams.hand_instances import HandInstances
 from drake_pregrasp.diagrams.palm_base import check_home
-from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.errors import InvalidArgumentError, ProblemCollector
 
 # The axes of five_finger_hand.sdf, whose comment names their data sheets: drives, ranges in metres
 # or radians, and masses in kg.
@@ -48,17 +54,20 @@ def assemble_hand(
     """
     plant = hand.plant
     _drop_second_welds(hand)
-    for locked in description.locked:
-        joint = hand.joint(locked.joint, "locked")
-        ends, X = (joint.frame_on_parent(), joint.frame_on_child()), _moved(joint, locked.position)
-        name = joint.name()
-        _remove(plant, joint)  # Which frees it.
-        plant.AddJoint(WeldJoint(name, *ends, X))
-    for index, tip in enumerate(description.fingertips):
-        if tip.link:
-            link = hand.body(tip.link, f"fingertips[{index}].link")
-            X_BT, owner = RigidTransform(tip.center), link.model_instance()
-            plant.AddFrame(FixedOffsetFrame(tip.frame, link.body_frame(), X_BT, owner))
+    with ProblemCollector() as collector:
+        for locked in description.locked:
+            with collector.part():
+                _lock(hand, locked)
+        for index, tip in enumerate(description.fingertips):
+            with collector.part():
+                if tip.link:
+                    link = hand.body(tip.link, f"fingertips[{index}].link")
+                    X_BT, owner = RigidTransform(tip.center), link.model_instance()
+                    plant.AddFrame(FixedOffsetFrame(tip.frame, link.body_frame(), X_BT, owner))
+        for name in (name for drive in description.drives for name in drive.joints):
+            if not (isinstance(description.base, Carrier) and name in description.base.joints):
+                with collector.part():
+                    hand.joint(name, "drives")
     pairs = [(name, drive) for drive in description.drives for name in drive.joints or [""]]
     if len(drives := dict(pairs)) < len(pairs):
         raise InvalidArgumentError("drives: a joint, or all others, must have one drive only")
@@ -87,6 +96,15 @@ def _drop_second_welds(hand: HandInstances) -> None:
             others = [other for other in joints if other.child_body() is joint.child_body()]
             if any(other.parent_body() is not world for other in others):
                 hand.plant.RemoveJoint(joint)
+
+
+def _lock(hand: HandInstances, locked: LockedJoint) -> None:
+    """Replaces a joint by a fixed one."""
+    joint = hand.joint(locked.joint, "locked")
+    ends, X = (joint.frame_on_parent(), joint.frame_on_child()), _moved(joint, locked.position)
+    name = joint.name()
+    _remove(hand.plant, joint)  # Which frees it.
+    hand.plant.AddJoint(WeldJoint(name, *ends, X))
 
 
 def _place_base(hand: HandInstances, X_WB: RigidTransform) -> None:

@@ -10,12 +10,12 @@ from pydrake.planning import RobotDiagram, RobotDiagramBuilder
 from scipy.spatial import cKDTree
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
-from drake_pregrasp.config.hand_description import Carrier, HandDescription
+from drake_pregrasp.config.hand_description import Carrier, Fingertip, HandDescription
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams.hand_instances import HandInstances
 from drake_pregrasp.diagrams.hand_parsing import add_hand_model
 from drake_pregrasp.diagrams.palm_base import PalmCarrier, check_home, make_base
-from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.errors import InvalidArgumentError, ProblemCollector
 from drake_pregrasp.fast import default_kernels
 from drake_pregrasp.fast.kernels import REFERENCE, HandKernels, Kernels
 from drake_pregrasp.geometry.mesh_surface import AxisArea
@@ -96,8 +96,11 @@ class HandModel:
         return diagram, HandInstances(diagram.plant(), models)
 
     def _kinematics(self, hand: HandInstances, kernels: HandKernels) -> HandKinematics:
-        tips = enumerate(self.description.fingertips)
-        frames = [hand.frame(tip.frame, f"fingertips[{i}].frame") for i, tip in tips]
+        frames = []
+        with ProblemCollector() as collector:
+            for i, tip in enumerate(self.description.fingertips):
+                with collector.part():
+                    frames.append(hand.frame(tip.frame, f"fingertips[{i}].frame"))
         names = [frame.scoped_name().get_full() for frame in frames]
         return HandKinematics(hand.plant, names, kernels.forward_kinematics)
 
@@ -302,35 +305,47 @@ class HandModel:
         home = np.zeros(kinematics.num_positions)
         left = np.ones(len(home), dtype=bool)
         left[self.base.joints] = False
-        for index, tip in enumerate(self.description.fingertips):
-            own = kinematics.own_joints(index)
-            if len(own) < _DIRECTIONS and self.base.palm_frame:
-                raise InvalidArgumentError(
-                    f"fingertips[{index}]: {tip.frame} has {len(own)} joints of its own; on an !Arm"
-                    f" it needs {_DIRECTIONS}, because only a !Carrier follows the fingertips"
-                )
-            lower, upper = kinematics.lower[own], kinematics.upper[own]
-            check_home(f"fingertips[{index}].home", names[own].tolist(), tip.home, lower, upper)
-            home[own], left[own] = tip.home, False
-        if np.any(left):
-            raise InvalidArgumentError(
-                f"{', '.join(names[left])}: neither of base.joints, nor of one finger alone"
-            )
+        with ProblemCollector() as collector:
+            for index, tip in enumerate(self.description.fingertips):
+                own = kinematics.own_joints(index)
+                key, left[own] = f"fingertips[{index}]", False
+                with collector.part():
+                    self._check_own_joints(key, tip.frame, len(own))
+                    lower, upper = kinematics.lower[own], kinematics.upper[own]
+                    check_home(f"{key}.home", names[own].tolist(), tip.home, lower, upper)
+                    home[own] = tip.home
+            with collector.part():
+                if np.any(left):
+                    raise InvalidArgumentError(
+                        f"{', '.join(names[left])}: neither of base.joints, nor of one finger alone"
+                    )
         return home
+
+    def _check_own_joints(self, key: str, frame: str, number: int) -> None:
+        if number < _DIRECTIONS and self.base.palm_frame:
+            raise InvalidArgumentError(
+                f"{key}: {frame} has {number} joints of its own; on an !Arm it needs {_DIRECTIONS},"
+                " because only a !Carrier follows the fingertips"
+            )
 
     def _check_reach(self, p_HT: FloatArray) -> None:
         """Checks that each finger reaches its home, where it is at the best angle."""
-        for index, tip in enumerate(self.description.fingertips):
-            key = f"fingertips[{index}].reach"
-            try:
-                reach = tip.reach.make_reach()
-            except InvalidArgumentError as error:
-                raise InvalidArgumentError(f"{key}: {error}") from error
-            p_HC = p_HT[index : index + 1]
-            normals = np.zeros((1, 3)) if reach.direction is None else reach.direction[None]
-            if not reach.permits(p_HC, normals, p_HC)[0]:
-                place = ", ".join(f"{x:.3g}" for x in p_HT[index])
-                raise InvalidArgumentError(
-                    f"{key}: it must hold the finger's own home, where {tip.frame} is at ({place})"
-                    " m in H"
-                )
+        with ProblemCollector() as collector:
+            for index, (tip, p_HC) in enumerate(
+                zip(self.description.fingertips, p_HT, strict=True)
+            ):
+                with collector.part():
+                    _check_home_in_reach(f"fingertips[{index}].reach", tip, p_HC[None])
+
+
+def _check_home_in_reach(key: str, tip: Fingertip, p_HC: FloatArray) -> None:
+    try:
+        reach = tip.reach.make_reach()
+    except InvalidArgumentError as error:
+        raise InvalidArgumentError(f"{key}: {error}") from error
+    normals = np.zeros((1, 3)) if reach.direction is None else reach.direction[None]
+    if not reach.permits(p_HC, normals, p_HC)[0]:
+        place = ", ".join(f"{x:.3g}" for x in p_HC[0])
+        raise InvalidArgumentError(
+            f"{key}: it must hold the finger's own home, where {tip.frame} is at ({place}) m in H"
+        )

@@ -19,7 +19,7 @@ from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams.directive_files import checked_copy, is_own
 from drake_pregrasp.diagrams.hand_assembly import assemble_hand
 from drake_pregrasp.diagrams.hand_instances import HandInstances
-from drake_pregrasp.errors import InvalidArgumentError, first_line
+from drake_pregrasp.errors import InvalidArgumentError, ProblemsError, first_line
 from drake_pregrasp.resources import resolve_path
 from drake_pregrasp.robots.robot_models import ROBOTS_URL, robot_model
 from drake_pregrasp.systems.palm_frames import FROM_ABOVE
@@ -110,6 +110,8 @@ def complete_hand_model(
     try:
         with failures_as_errors():
             assemble_hand(hand, description, X_WB)
+    except ProblemsError:
+        raise
     except (RuntimeError, ValueError) as error:
         problem = f"model: {description.model}: {first_line(error)}"
         raise InvalidArgumentError(problem) from error

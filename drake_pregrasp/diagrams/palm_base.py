@@ -21,7 +21,7 @@ _ARRIVED = 1e-5  # Largest error of the palm at its initial pose, in metres and 
 _DAMPING = 1e-4  # Damping of joint steps against palm steps, in metres or radians of the palm.
 _LARGEST_STEP = 0.2  # Largest step of a joint, in radians.
 _POSTURE_SHARE = 0.1  # Share of the distance to home per step, in the null space of the palm.
-_JOINT_KINDS = ("prismatic", "prismatic", "prismatic", "revolute")
+JOINT_KINDS = ("prismatic", "prismatic", "prismatic", "revolute")
 
 
 class ArmKinematics:
@@ -103,7 +103,7 @@ class PalmCarrier:
         # Positions of x, y and z are R_AL p_WL + p_AL for a point L on the palm's axis.
         self._R_AL = self.X_AW.rotation().matrix()
         self._p_AL = self._R_AL @ (X_LA.translation() - p_WB) + [0.0, 0.0, config.palm_height]
-        for joint, expected in zip(joints, _JOINT_KINDS, strict=True):
+        for joint, expected in zip(joints, JOINT_KINDS, strict=True):
             if (kind := joint.type_name()) != expected:
                 raise InvalidArgumentError(
                     f"base.joints: {joint.name()} is {kind}; three prismatic joints along x, y and"

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 
 from drake_pregrasp.config.validation import is_scalar, length_problem, scalar_problem
 from drake_pregrasp.config.yaml_text import TAG_KEY, load_typed
-from drake_pregrasp.errors import ScenarioError, nearest
+from drake_pregrasp.errors import Problems, ScenarioError, nearest
 
 Config = TypeVar("Config")
 
@@ -44,22 +44,30 @@ def check_mapping(source: str, key: str, data: object, schema: Any) -> None:
         data: Plain data, as `parse_yaml` returns it.
         schema: Dataclass, or one of Drake's configuration classes.
     """
-    if not isinstance(data, Mapping):
-        _reject(source, key, data, f"a mapping with keys out of: {', '.join(_fields(schema))}")
+    for path, problem in mapping_problems(key, data, schema):
+        raise ScenarioError(source, path, problem)
+
+
+def mapping_problems(key: str, data: object, schema: Any) -> Problems:
+    """Yields the problems because of which data do not fit; the arguments are as above."""
     fields = _fields(schema)
+    if not isinstance(data, Mapping):
+        yield key, _rejected(data, f"a mapping with keys out of: {', '.join(fields)}")
+        return
     for name, (_, rules) in fields.items():
         if rules.get("required") and name not in data:
-            raise ScenarioError(source, key, f"lacks the key {name}; it has no default")
+            yield key, f"lacks the key {name}; it has no default"
     for name, value in data.items():
-        if name == TAG_KEY:
-            raise ScenarioError(source, key, f"the tag {value} is not allowed here; leave it out")
-        if not isinstance(name, str):
-            raise ScenarioError(source, key, f"the key {_short(name)} must be a name")
         path = f"{key}.{name}" if key else name
-        if name not in fields:
+        if name == TAG_KEY:
+            yield key, f"the tag {value} is not allowed here; leave it out"
+        elif not isinstance(name, str):
+            yield key, f"the key {_short(name)} must be a name"
+        elif name not in fields:
             hint = nearest(name, fields, "keys are")
-            raise ScenarioError(source, path, f"unknown key (value {_short(value)}); {hint}")
-        _check_value(source, path, value, *fields[name])
+            yield path, f"unknown key (value {_short(value)}); {hint}"
+        else:
+            yield from _value_problems(path, value, *fields[name])
 
 
 def load_checked(source: str, key: str, data: object, defaults: Config) -> Config:
@@ -109,44 +117,43 @@ def _fields(schema: Any) -> dict[str, tuple[Any, Mapping[str, Any]]]:
     return {f.name: (f.type, _DRAKE_RULES.get(f.name, {})) for f in schema.__fields__}
 
 
-def _check_value(source: str, key: str, value: object, kind: Any, rules: Mapping[str, Any]) -> None:
+def _value_problems(key: str, value: object, kind: Any, rules: Mapping[str, Any]) -> Problems:
     if typing.get_origin(kind) is list:
         (element_kind,) = typing.get_args(kind)
         if not isinstance(value, list):
-            _reject(source, key, value, "a list")
+            yield key, _rejected(value, "a list")
+            return
         if problem := length_problem(len(value), rules):
-            _reject(source, key, value, problem)
+            yield key, _rejected(value, problem)
         element_rules = rules.get("elements", rules)
         for index, element in enumerate(value):
-            _check_value(source, f"{key}[{index}]", element, element_kind, element_rules)
+            yield from _value_problems(f"{key}[{index}]", element, element_kind, element_rules)
     elif _is_union(kind):
-        _check_variant(source, key, value, typing.get_args(kind))
+        yield from _variant_problems(key, value, typing.get_args(kind))
     elif typing.get_origin(kind) is dict:
         if not isinstance(value, Mapping):
-            _reject(source, key, value, "a mapping")
+            yield key, _rejected(value, "a mapping")
     elif is_scalar(kind):
         number = _number(value, kind) if kind in (int, float) else value
         if problem := scalar_problem(number, kind, rules):
-            _reject(source, key, value, problem)
+            yield key, _rejected(value, problem)
     else:
-        check_mapping(source, key, value, kind)
+        yield from mapping_problems(key, value, kind)
 
 
-def _check_variant(source: str, key: str, value: object, kinds: tuple[Any, ...]) -> None:
+def _variant_problems(key: str, value: object, kinds: tuple[Any, ...]) -> Problems:
     tags = {f"!{kind.__name__}": kind for kind in kinds}
     if not isinstance(value, Mapping):
-        _reject(source, key, value, f"a mapping with a tag out of: {', '.join(tags)}")
+        yield key, _rejected(value, f"a mapping with a tag out of: {', '.join(tags)}")
+        return
     data = dict(value)
     tag = data.pop(TAG_KEY, next(iter(tags)))
     if not isinstance(tag, str) or tag not in tags:
-        raise ScenarioError(source, key, f"no such tag {tag}; there are: {', '.join(tags)}")
-    try:
-        check_mapping(source, key, data, tags[tag])
-    except ScenarioError as error:
-        if TAG_KEY in value:
-            raise
-        hint = f"{error.problem}; without a tag it is a {tag}, of: {', '.join(tags)}"
-        raise ScenarioError(source, error.key, hint) from error
+        yield key, f"no such tag {tag}; there are: {', '.join(tags)}"
+        return
+    for path, problem in mapping_problems(key, data, tags[tag]):
+        hint = "" if TAG_KEY in value else f"; without a tag it is a {tag}, of: {', '.join(tags)}"
+        yield path, f"{problem}{hint}"
 
 
 def _number(value: object, kind: Any) -> float | int | None:
@@ -170,9 +177,10 @@ def _short(value: object) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def _reject(source: str, key: str, value: object, expected: str) -> typing.NoReturn:
+def _rejected(value: object, expected: str) -> str:
+    """Returns the problem of a value that is not as expected."""
     _, has_choices, choices = expected.rpartition("one of: ")
     names = choices.split(", ") if has_choices else []
     close = difflib.get_close_matches(str(value), names, n=1)
     hint = f"; did you mean {close[0]}?" if close else ""
-    raise ScenarioError(source, key, f"{_short(value)} must be {expected}{hint}")
+    return f"{_short(value)} must be {expected}{hint}"

@@ -1,0 +1,321 @@
+"""Proposal of a hand's description, from the structure of its model."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from pydrake.geometry import SceneGraphInspector
+from pydrake.math import RollPitchYaw, RotationMatrix
+from pydrake.multibody.tree import Joint, JointActuator, RigidBody
+from pydrake.planning import RobotDiagram, RobotDiagramBuilder
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.hand_description import (
+    Arm,
+    BaseConfig,
+    Carrier,
+    Drive,
+    Fingertip,
+    HandDescription,
+    LockedJoint,
+    Mount,
+)
+from drake_pregrasp.config.limits_config import SectorReach
+from drake_pregrasp.diagrams.hand_instances import HandInstances
+from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.diagrams.hand_parsing import add_hand_model
+from drake_pregrasp.diagrams.palm_base import JOINT_KINDS, PalmArm
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.grasping.finger_homes import Finger, Grip, find_grip
+from drake_pregrasp.systems.hand_kinematics import frame_names, moving_joints
+from drake_pregrasp.systems.hand_scene import link_balls
+from drake_pregrasp.systems.palm_frames import pose_error
+
+_ARM_JOINTS = 6  # Least number of an arm.
+_SLAB = 0.01  # Length of the end of a link that is its fingertip, in metres.
+_LEAST_RADIUS, _LARGEST_RADIUS = 0.003, 0.03  # Of a fingertip, in metres.
+_HALF_ANGLE = 1.1  # Of a proposed reach, in radians.
+_ANYWHERE = SectorReach(half_angle=np.pi, incidence=np.pi)
+_ARM_STIFFNESS, _ARM_DAMPING = 100.0, 7.0  # Over the effort of a joint, in 1/rad and s/rad.
+_ARM_INERTIA, _ARM_EFFORT = 0.1, 50.0  # Of a joint of an arm, in kg m² and N m.
+_STARTS = 20  # Number of positions of an arm from which its home is sought.
+_ARM_STEPS = 200  # Largest number of steps from each of them.
+_NEAR_BASE = 0.25  # Distance from an arm's base within which no object is expected, in metres.
+_ARRIVED = 1e-3  # Error of a palm that is held there, in metres and radians.
+_PLACE = (0.5, 0.0, 0.05)  # Place of an object relative to such a base, in metres.
+_SIDES = np.vstack([np.eye(3), -np.eye(3)])
+
+
+@dataclass
+class _Chain:
+    """The joints of one finger alone, and its fingertip."""
+
+    joints: list[Joint]
+    tip: Fingertip
+
+
+def propose_hand(model: str) -> HandDescription:
+    """Returns a description of a model, which `HandModel` accepts.
+
+    Fingertips are the ends of the links on which no other link hangs. Joints that move all of them
+    are an arm if there are six or more, and the axes of a carrier if they slide along x, y and z
+    and turn about z; others, such as those of a wrist, are locked. At home, fingertips surround an
+    object of medium size.
+
+    Args:
+        model: Name of the model, as in `HandDescription.model`.
+
+    Raises:
+        InvalidArgumentError: If the model cannot be loaded, or has fewer than two fingers.
+    """
+    diagram, hand = _parse(model)
+    joints = hand.moving_joints()
+    chains, shared = _chains(model, diagram, hand, joints)
+    base, carrying = _base(hand, shared, chains)
+    used = {id(joint) for joint in carrying} | {id(j) for chain in chains for j in chain.joints}
+    locked = [LockedJoint(j.name(), _zero(j)) for j in joints if id(j) not in used]
+    drives = _drives(hand, [j for j in joints if id(j) in used], carrying, bool(_mount(base)))
+    first = HandDescription(model, base, [chain.tip for chain in chains], drives, locked)
+    return _with_homes(first, [[j.name() for j in chain.joints] for chain in chains])
+
+
+def _parse(model: str) -> tuple[RobotDiagram, HandInstances]:
+    builder = RobotDiagramBuilder(time_step=0.0)
+    models = add_hand_model(builder.plant(), HandDescription(model))
+    builder.plant().Finalize()
+    diagram = builder.Build()
+    return diagram, HandInstances(diagram.plant(), models)
+
+
+def _chains(
+    model: str, diagram: RobotDiagram, hand: HandInstances, joints: Sequence[Joint]
+) -> tuple[list[_Chain], list[Joint]]:
+    """Returns the fingers, and the joints that move all of them."""
+    moves = {b.index(): moving_joints(hand.plant, b.body_frame()) for b in hand.bodies()}
+    masks = {mask.tobytes(): mask for mask in moves.values() if mask.any()}.values()
+    ends = [m for m in masks if not any(np.all(o >= m) and np.any(o > m) for o in masks)]
+    is_own = [end & (np.sum(ends, axis=0) == 1) for end in ends]
+    ends = [end for end, own in zip(ends, is_own, strict=True) if np.any(own)]
+    is_own = [own for own in is_own if np.any(own)]
+    if len(ends) < 2:
+        raise InvalidArgumentError(
+            f"model: {model}: {len(ends)} chains of links end in a fingertip; a hand has two or"
+            " more, each with joints of its own"
+        )
+    inspector, chains = diagram.scene_graph().model_inspector(), []
+    for index, (end, own) in enumerate(zip(ends, is_own, strict=True)):
+        links = [b for b in hand.bodies() if np.array_equal(moves[b.index()], end)]
+        mine = [joints[int(j)] for j in np.flatnonzero(own)]
+        tip = _fingertip(hand, inspector, links, mine[-1], f"tip_{index}")
+        chains.append(_Chain(mine, replace(tip, home=[_middle(joint) for joint in mine])))
+    return chains, [joints[int(j)] for j in np.flatnonzero(np.all(ends, axis=0))]
+
+
+def _limits(joint: Joint) -> tuple[float, float]:
+    return float(joint.position_lower_limits()[0]), float(joint.position_upper_limits()[0])
+
+
+def _zero(joint: Joint) -> float:
+    """Returns the position of a joint that is closest to zero."""
+    return float(np.clip(0.0, *_limits(joint)))
+
+
+def _middle(joint: Joint) -> float:
+    """Returns the middle of a joint's range, or zero if it has no limits."""
+    low, high = _limits(joint)
+    return (low + high) / 2 if np.isfinite(high - low) else _zero(joint)
+
+
+def _fingertip(
+    hand: HandInstances,
+    inspector: SceneGraphInspector,
+    links: Sequence[RigidBody],
+    last: Joint,
+    name: str,
+) -> Fingertip:
+    """Returns the fingertip at the end of the last links of a finger."""
+    plant, context = hand.plant, hand.plant.CreateDefaultContext()
+    p_WJ = last.frame_on_child().CalcPoseInWorld(context).translation()
+    balls = [np.append(link.EvalPoseInWorld(context).translation(), 0.0) for link in links]
+    for link in links:
+        for geometry in plant.GetCollisionGeometriesForBody(link):
+            own = link_balls(inspector, geometry)
+            balls += list(
+                np.column_stack([(link.EvalPoseInWorld(context) @ own[:, :3].T).T, own[:, 3]])
+            )
+    center, radius = _end(np.array(balls), p_WJ)
+    for link in links:
+        instance = link.model_instance()
+        for frame_name in frame_names(plant, instance):
+            frame = plant.GetFrameByName(frame_name, instance)
+            p_WF = frame.CalcPoseInWorld(context).translation()
+            if frame.body() is link and np.linalg.norm(p_WF - center) < radius:
+                return Fingertip(frame.name(), radius=radius, reach=_ANYWHERE)
+    p_BT = links[-1].EvalPoseInWorld(context).inverse() @ center
+    return Fingertip(
+        name, link=links[-1].name(), center=_rounded(p_BT), radius=radius, reach=_ANYWHERE
+    )
+
+
+def _end(balls: FloatArray, p_WJ: FloatArray) -> tuple[FloatArray, float]:
+    """Returns the centre and the radius of the ball that fills the far end of a link.
+
+    Args:
+        balls: Centres and radii of balls that fill the link, or points of its surface with radii of
+            0, shape (k, 4), in metres.
+        p_WJ: Origin of its joint, shape (3,), in metres.
+    """
+    places, radii = balls[:, :3], balls[:, 3]
+    end = int(np.argmax(np.linalg.norm(places - p_WJ, axis=1) + radii))
+    if radii[end] > 0:
+        return places[end], float(radii[end])
+    along = places[end] - p_WJ
+    along = along / max(float(np.linalg.norm(along)), 1e-9)
+    slab = places[(places[end] - places) @ along < _SLAB]
+    middle = (np.max(slab, axis=0) + np.min(slab, axis=0)) / 2
+    across = slab - middle - np.outer((slab - middle) @ along, along)
+    widths = np.ptp(across @ np.linalg.svd(across)[2][:2].T, axis=0)
+    radius = round(float(np.clip(np.min(widths) / 2, _LEAST_RADIUS, _LARGEST_RADIUS)), 4)
+    return middle + ((places[end] - middle) @ along - radius) * along, radius
+
+
+def _base(
+    hand: HandInstances, shared: list[Joint], chains: Sequence[_Chain]
+) -> tuple[BaseConfig, list[Joint]]:
+    """Returns the base of a palm, and those of the shared joints that belong to it."""
+    if tuple(joint.type_name() for joint in shared) == JOINT_KINDS:
+        return Carrier([joint.name() for joint in shared], palm_height=0.0), shared
+    if len(shared) >= _ARM_JOINTS:
+        palm = chains[0].joints[0].parent_body().name()
+        home = [round(_middle(joint), 4) for joint in shared]
+        return Arm(palm, [joint.name() for joint in shared], home), shared
+    first = next(b for b in hand.bodies() if not moving_joints(hand.plant, b.body_frame()).any())
+    return Carrier(palm_height=0.0, mount=Mount(first.name())), []
+
+
+def _mount(base: BaseConfig) -> str:
+    return base.mount.link if isinstance(base, Carrier) else ""
+
+
+def _drives(
+    hand: HandInstances, joints: Sequence[Joint], carrying: Sequence[Joint], has_mount: bool
+) -> list[Drive]:
+    """Returns drives for all joints; none if the model has them and nothing is added to it."""
+    indices = hand.plant.GetJointActuatorIndices()
+    actuators = {a.joint().name(): a for a in map(hand.plant.get_joint_actuator, indices)}
+    has_gains = [j.name() in actuators and actuators[j.name()].has_controller() for j in joints]
+    if all(has_gains) and not has_mount:
+        return []
+    kinds: dict[tuple[float, ...], list[str]] = {}
+    bearing = {joint.name() for joint in carrying}
+    for joint in joints:
+        drive = _drive(actuators.get(joint.name()), is_arm=joint.name() in bearing)
+        kinds.setdefault(drive, []).append(joint.name())
+    drives = [Drive(names, *values) for values, names in kinds.items()]
+    most = max(range(len(drives)), key=lambda i: len(drives[i].joints))
+    drives[most] = replace(drives[most], joints=[])  # Which stands for all others.
+    return drives
+
+
+def _drive(actuator: JointActuator | None, *, is_arm: bool) -> tuple[float, float, float, float]:
+    """Returns stiffness, damping, rotor inertia and effort of a joint's drive."""
+    usual = Drive()
+    effort = _ARM_EFFORT if is_arm else usual.effort
+    if actuator is not None and np.isfinite(actuator.effort_limit()):
+        effort = float(actuator.effort_limit())
+    if actuator is not None and actuator.has_controller():
+        gains, inertia = actuator.get_controller_gains(), float(actuator.default_rotor_inertia())
+        critical = 2 * np.sqrt(gains.p * inertia)
+        return float(gains.p), round(float(gains.d or critical), 4), inertia, effort
+    if is_arm:
+        return _ARM_STIFFNESS * effort, _ARM_DAMPING * effort, _ARM_INERTIA, effort
+    return usual.stiffness, usual.damping, usual.rotor_inertia, effort
+
+
+def _with_homes(first: HandDescription, names: Sequence[Sequence[str]]) -> HandDescription:
+    """Returns a description with the palm over an object, and fingers at home around it.
+
+    Args:
+        first: Description with the palm's frame in the object's centre.
+        names: Names of the joints of each finger.
+    """
+    model = HandModel(first)
+    q = model.base.placed(model.fingers_home)
+    plant = model.kinematics.plant
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, q)
+    fingers = []
+    for chain, tip, own in zip(model.finger_chains, first.fingertips, names, strict=True):
+        joints = [model.instances.joint(name, "fingertips") for name in own]
+        p_WJ = [j.frame_on_child().CalcPoseInWorld(context).translation() for j in joints]
+        origins = (model.base.X_AW @ np.array(p_WJ).T).T
+        fingers.append(Finger(chain, origins, tip.radius))
+    is_fixed = isinstance(first.base, Carrier) and not first.base.mount.link
+    axes = np.eye(3)[2:] if is_fixed else _SIDES
+    grip = find_grip(fingers, list(axes), on_axis=is_fixed)
+    R_HP = RotationMatrix() if is_fixed else _palm_rotation(grip)
+    p_HT = (R_HP @ (grip.p_UT - grip.center).T).T
+    tips = [
+        replace(
+            tip,
+            home=_rounded(home),
+            reach=SectorReach(round(float(np.arctan2(p[1], p[0])), 3), _HALF_ANGLE),
+            patch_radius=tip.radius if len(home) == 1 else 0.0,
+        )
+        for tip, home, p in zip(first.fingertips, grip.homes, p_HT, strict=True)
+    ]
+    base = _placed(first.base, R_HP, -(R_HP @ grip.center))
+    return _with_arm_home(replace(first, base=base, fingertips=tips))
+
+
+def _with_arm_home(description: HandDescription) -> HandDescription:
+    """Returns a description whose arm holds the palm over an object at home, if it can."""
+    if not isinstance(description.base, Arm):
+        return description
+    model = HandModel(description)
+    base, plant = model.base, model.kinematics.plant
+    assert isinstance(base, PalmArm)
+    arm, context = base.kinematics, plant.CreateDefaultContext()
+    first = model.instances.joint(description.base.joints[0], "base.joints")
+    p_WB = first.frame_on_parent().CalcPoseInWorld(context).translation() * [1.0, 1.0, 0.0]
+    is_near = np.linalg.norm(p_WB) < _NEAR_BASE
+    X_WP = base.palm_goal(p_WB + _PLACE if is_near else np.array([0.0, 0.0, _PLACE[2]]), 0.0)
+    middle, random, found = base.placed(model.fingers_home), np.random.default_rng(0), []
+    for start in range(_STARTS):
+        q = np.array(middle)
+        if start:
+            q[base.joints] = random.uniform(arm.lower, arm.upper)
+        for _ in range(_ARM_STEPS):
+            q = arm.step_to(context, q, X_WP, middle)
+        plant.SetPositions(context, q)
+        if np.max(np.abs(pose_error(arm.palm_pose(context), X_WP))) < _ARRIVED:
+            found.append(q[base.joints])
+    if not found:
+        return description
+    half = (arm.upper - arm.lower) / 2
+    home = min(found, key=lambda q: float(np.max(np.abs(q - arm.lower - half) / half)))
+    return replace(description, base=replace(description.base, home=_rounded(home)))
+
+
+def _palm_rotation(grip: Grip) -> RotationMatrix:
+    """Returns the orientation of the palm's frame, with the axis up and most fingertips along x."""
+    level = [side for side in _SIDES if abs(side @ grip.axis) < 0.5]
+    spread = [np.sum(((grip.p_UT - grip.center) @ side) ** 2) for side in level]
+    most = [np.sum((grip.p_UT - grip.center) @ side) for side in level]
+    x = level[max(range(len(level)), key=lambda i: (round(spread[i], 9), most[i]))]
+    return RotationMatrix(np.array([x, np.cross(grip.axis, x), grip.axis]))
+
+
+def _placed(base: BaseConfig, R_HP: RotationMatrix, p_HP: FloatArray) -> BaseConfig:
+    rpy = _rounded(RollPitchYaw(R_HP).vector())
+    x, y, z = _rounded(p_HP)
+    if isinstance(base, Arm):
+        return replace(base, palm_position=[x, y, z], palm_rpy=rpy)
+    if not base.mount.link:
+        return replace(base, palm_height=z)
+    mount = replace(base.mount, position=[x, y, 0.0], rpy=rpy)
+    return replace(base, palm_height=z, mount=mount)
+
+
+def _rounded(values: FloatArray) -> list[float]:
+    return [round(float(value), 4) + 0.0 for value in values]

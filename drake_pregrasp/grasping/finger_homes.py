@@ -1,0 +1,208 @@
+"""Home positions of fingers: fingertips that surround an object, from the kinematics alone."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.regions.finger_measures import FingerChain
+
+OBJECT_RADIUS = 0.03
+"""Radius of the object that fingertips surround, in metres."""
+
+_GAP = 0.02  # Distance of fingertips from the object, in metres.
+_TOLERANCE = 0.008  # Error of a fingertip's place that costs 1, in metres.
+_OUTWARD, _DOWNWARD, _MIDDLE = 4.0, 1.0, 2.0  # Costs of directions of a finger, and of its limits.
+_WIDEST_GAP = np.pi + 0.2  # Angle between neighbouring fingers beyond which none oppose others.
+_ONE_SIDED = 100.0  # Cost of a larger angle, per radian.
+_PALM_HEIGHT = 0.06  # Least height of the first joints over the object's centre, in metres.
+_CROWDED = 50.0  # Cost of two fingertips that touch each other.
+_CENTERS = 400  # Largest number of places of the object that are tried along an axis.
+_SAMPLES = 1000  # Number of positions of a finger among which the best are sought.
+_FINER = 5  # Places along each edge of the grid around the best place.
+_ROUNDS, _TRIES = 6, 300  # Rounds of refinement, and positions that each of them tries.
+
+
+@dataclass(frozen=True, eq=False)
+class Finger:
+    """A finger on a palm that rests in a frame U.
+
+    Attributes:
+        chain: Kinematics of the fingertip.
+        origins: Origins of the joints with the joints at `chain.home`, in U, shape (k, 3), in
+            metres.
+        radius: Radius of the fingertip, in metres.
+    """
+
+    chain: FingerChain
+    origins: FloatArray
+    radius: float
+
+
+@dataclass(frozen=True, eq=False)
+class Grip:
+    """Place of an object in a hand, and positions in which fingertips surround it.
+
+    Attributes:
+        axis: Direction from the object to the palm in U, a unit vector, shape (3,).
+        center: Centre of the object in U, shape (3,), in metres.
+        homes: Positions of the joints of each finger, in radians or metres.
+        p_UT: Centres of the fingertips there, in U, shape (n, 3), in metres.
+        cost: Cost of these positions; see `find_grip`.
+    """
+
+    axis: FloatArray
+    center: FloatArray
+    homes: list[FloatArray]
+    p_UT: FloatArray
+    cost: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Postures:
+    """Positions of a finger's joints, shape (m, k), and what it looks like there, shape (m, 3)."""
+
+    q: FloatArray
+    tips: FloatArray
+    outward: FloatArray
+    last: FloatArray
+    limits: FloatArray
+    root: FloatArray
+
+
+def find_grip(
+    fingers: Sequence[Finger], axes: Sequence[FloatArray], *, on_axis: bool = False
+) -> Grip:
+    """Returns the place of an object at which fingers surround it best.
+
+    Fingertips should be `_GAP` off the sides of the object, at the height of its centre, with
+    bent fingers outside of them, last links along the axis, and joints near the middles of their
+    ranges. Some fingers should oppose others.
+
+    Args:
+        fingers: The fingers.
+        axes: Directions from the object to the palm that are tried, in U.
+        on_axis: Whether the object is on the axis through the origin of U.
+    """
+    postures = [_postures(finger, finger.chain.samples()[:_SAMPLES]) for finger in fingers]
+    tips = np.concatenate([posture.tips for posture in postures])
+    grips = []
+    for axis in axes:
+        centers, step = _centers(tips, axis, on_axis)
+        coarse = _best(fingers, postures, centers, axis)
+        around = np.linspace(-step, step, _FINER)
+        finer = np.stack(np.meshgrid(*3 * [around]), axis=-1).reshape(-1, 3)
+        finer = np.outer(finer @ axis, axis) if on_axis else finer
+        grips.append(_best(fingers, postures, coarse.center + finer, axis))
+    return _refined(fingers, min(grips, key=lambda grip: grip.cost))
+
+
+def _best(
+    fingers: Sequence[Finger], postures: Sequence[_Postures], centers: FloatArray, axis: FloatArray
+) -> Grip:
+    """Returns the grip of least cost among places of the object."""
+    costs, chosen = zip(
+        *(_costs(f, p, centers, axis) for f, p in zip(fingers, postures, strict=True)),
+        strict=True,
+    )
+    places = np.array([p.tips[c] for p, c in zip(postures, chosen, strict=True)])
+    total = np.sum(costs, axis=0) + _joint_costs(fingers, places - centers, axis)
+    least = int(np.argmin(total))
+    homes = [p.q[c[least]] for p, c in zip(postures, chosen, strict=True)]
+    return Grip(axis, centers[least], homes, places[:, least], float(total[least]))
+
+
+def _centers(tips: FloatArray, axis: FloatArray, on_axis: bool) -> tuple[FloatArray, float]:
+    """Returns places of an object that fingertips may surround, shape (m, 3), and their step."""
+    if on_axis:
+        heights = np.linspace(np.min(tips @ axis), np.max(tips @ axis), _CENTERS)
+        return heights[:, None] * axis, float(heights[1] - heights[0])
+    low, high = np.quantile(tips, [0.02, 0.98], axis=0)
+    step = max(float((np.prod(high - low) / _CENTERS) ** (1 / 3)), 0.004)
+    grids = [np.arange(a, b + step, step) for a, b in zip(low, high, strict=True)]
+    return np.stack(np.meshgrid(*grids, indexing="ij"), axis=-1).reshape(-1, 3), step
+
+
+def _postures(finger: Finger, q: FloatArray) -> _Postures:
+    chain, k = finger.chain, len(finger.chain.home)
+    tips = chain.tips(q)[0]
+    origins = np.stack([_place(chain, j, finger.origins[j], q) for j in range(k)])
+    chord = tips - origins[0]
+    chord = chord / np.maximum(np.linalg.norm(chord, axis=1, keepdims=True), 1e-9)
+    bends = origins - origins[0]  # Offsets of the joints from the chord of the finger.
+    bends = bends - np.sum(bends * chord, axis=2, keepdims=True) * chord
+    widest = np.argmax(np.linalg.norm(bends, axis=2), axis=0)
+    outward = bends[widest, np.arange(len(q))]
+    last = tips - origins[-1]
+    last = last / np.maximum(np.linalg.norm(last, axis=1, keepdims=True), 1e-9)
+    half = np.maximum((chain.upper - chain.lower) / 2, 1e-9)
+    off = np.abs(q - (chain.lower + chain.upper) / 2) / half
+    limits = np.mean(off**2 + np.maximum(0.0, off - 0.9) * 100, axis=1)
+    return _Postures(q, tips, outward, last, limits, origins[0])
+
+
+def _place(chain: FingerChain, joints: int, point: FloatArray, q: FloatArray) -> FloatArray:
+    """Returns the places of a point behind the first joints of a finger, shape (m, 3)."""
+    if joints == 0:
+        return np.tile(point, (len(q), 1))
+    part = replace(chain, screws=chain.screws[:joints], tip=point, home=chain.home[:joints])
+    return part.tips(q[:, :joints])[0]
+
+
+def _costs(
+    finger: Finger, postures: _Postures, centers: FloatArray, axis: FloatArray
+) -> tuple[FloatArray, IntArray]:
+    """Returns the least cost of a finger for each place, and the posture that has it."""
+    distance = OBJECT_RADIUS + _GAP + finger.radius
+    own = _MIDDLE * postures.limits + _DOWNWARD * (1 + postures.last @ axis)
+    outward = postures.outward - np.outer(postures.outward @ axis, axis)
+    outward = outward / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 3e-3)
+    costs, chosen = np.empty(len(centers)), np.empty(len(centers), dtype=np.int64)
+    for index, center in enumerate(centers):
+        off = postures.tips - center
+        height = off @ axis
+        level = off - np.outer(height, axis)
+        length = np.maximum(np.linalg.norm(level, axis=1), 1e-9)
+        cost = ((length - distance) ** 2 + height**2) / _TOLERANCE**2 + own
+        cost += _OUTWARD * (1 - np.sum(outward * level, axis=1) / length)
+        low = np.maximum(0.0, _PALM_HEIGHT - (postures.root - center) @ axis)
+        cost += (low / _TOLERANCE) ** 2
+        chosen[index] = np.argmin(cost)
+        costs[index] = cost[chosen[index]]
+    return costs, chosen
+
+
+def _joint_costs(fingers: Sequence[Finger], off: FloatArray, axis: FloatArray) -> FloatArray:
+    """Returns the costs of fingers that do not oppose, or are too close to, each other.
+
+    Args:
+        fingers: The fingers.
+        off: Fingertips relative to the object's centre, shape (n, m, 3), in metres.
+        axis: Direction from the object to the palm.
+    """
+    e1 = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    e1 /= np.linalg.norm(e1)
+    angles = np.sort(np.arctan2(off @ np.cross(axis, e1), off @ e1), axis=0)
+    gaps = np.diff(np.concatenate([angles, angles[:1] + 2 * np.pi]), axis=0)
+    cost: FloatArray = _ONE_SIDED * np.maximum(0.0, np.max(gaps, axis=0) - _WIDEST_GAP)
+    for i, first in enumerate(fingers):
+        for j in range(i):
+            between = np.linalg.norm(off[i] - off[j], axis=1)
+            cost += _CROWDED * (between < first.radius + fingers[j].radius + 0.003)
+    return cost
+
+
+def _refined(fingers: Sequence[Finger], grip: Grip) -> Grip:
+    """Returns a grip with positions of less cost nearby, at the same place of the object."""
+    random, homes, tips = np.random.default_rng(0), [], []
+    for finger, home in zip(fingers, grip.homes, strict=True):
+        chain, width = finger.chain, 0.1
+        for _ in range(_ROUNDS):
+            step = width * (chain.upper - chain.lower) * random.normal(size=(_TRIES, len(home)))
+            q = np.clip(np.vstack([home, home + step]), chain.lower, chain.upper)
+            _, (best,) = _costs(finger, _postures(finger, q), grip.center[None], grip.axis)
+            home, width = q[best], 0.5 * width
+        homes.append(home)
+        tips.append(chain.tips(home[None])[0][0])
+    return replace(grip, homes=homes, p_UT=np.array(tips))

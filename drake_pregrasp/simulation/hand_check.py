@@ -1,0 +1,158 @@
+"""Checks of hand descriptions, and proposals for models that have none."""
+
+import dataclasses
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from pydrake.geometry import MeshcatVisualizer, Rgba, Sphere
+from pydrake.math import RigidTransform
+from pydrake.planning import RobotDiagramBuilder
+
+from drake_pregrasp.config.hand_description import Drive, HandDescription
+from drake_pregrasp.config.yaml_text import TAG_KEY, dump_yaml, parse_entries, read_text
+from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.diagrams.hand_parsing import add_hand_model
+from drake_pregrasp.diagrams.hand_proposal import propose_hand
+from drake_pregrasp.errors import InvalidArgumentError, PregraspError, problems_of
+from drake_pregrasp.grasping.finger_homes import OBJECT_RADIUS
+from drake_pregrasp.resources import resolve_path
+from drake_pregrasp.simulation.hand_file import load_hand, made_hand
+from drake_pregrasp.simulation.recording import start_meshcat
+from drake_pregrasp.simulation.schema_check import mapping_problems
+from drake_pregrasp.systems.drawing import contact_color
+
+_CAMERA = (0.35, -0.45, 0.25)  # Place of the camera relative to the object, in metres.
+_PALE = 0.2  # Opacity of a reach.
+_OBJECT_COLOR = Rgba(0.5, 0.5, 0.5, 0.3)
+_DIRECTIVES = (".dmd.yaml", ".dmd.yml")
+_KINDS = (".yaml", ".yml")
+
+
+@dataclasses.dataclass
+class HandCheck:
+    """Result of the check of a hand.
+
+    Attributes:
+        description: The description; None if it could not be read or proposed.
+        model: Model of the hand; None if there are problems.
+        problems: All problems that were found, one line each.
+        is_proposal: Whether the description is a proposal for a model.
+    """
+
+    description: HandDescription | None
+    model: HandModel | None
+    problems: list[str]
+    is_proposal: bool
+
+
+def check_hand(file: str, *, folders: Sequence[str | Path] | None = None) -> HandCheck:
+    """Checks a description of a hand, or proposes one for a model.
+
+    Args:
+        file: Description in YAML; or an SDF, a URDF, an MJCF or model directives. It is a path from
+            the working directory, or a URL as in `HandDescription.model`.
+        folders: As for `load_hand`.
+    """
+    is_proposal = not file.endswith(_KINDS) or file.endswith(_DIRECTIVES)
+    description = None
+    try:
+        if is_proposal:
+            name = file if "://" in file else str(resolve_path(file, Path.cwd()))
+            description = propose_hand(name)
+        else:
+            if problems := _schema_problems(file):
+                return HandCheck(None, None, problems, is_proposal)
+            description = load_hand(file, folders=folders)
+        model = made_hand(description)
+    except PregraspError as error:
+        return HandCheck(description, None, problems_of(error), is_proposal)
+    return HandCheck(description, model, _place_problems(model), is_proposal)
+
+
+def _schema_problems(file: str) -> list[str]:
+    """Returns the problems of the keys and values of a description, without its model."""
+    path = resolve_path(file, Path.cwd())
+    data = parse_entries(str(path), read_text(path))
+    found = mapping_problems("", data, HandDescription)
+    return [": ".join(filter(None, (key, problem))) for key, problem in found]
+
+
+def _place_problems(model: HandModel) -> list[str]:
+    """Returns the problems of a hand over an object at the origin of W."""
+    try:
+        model.home(np.array([0.0, 0.0, OBJECT_RADIUS]), 0.0)
+    except InvalidArgumentError as error:
+        return [str(error)]
+    return []
+
+
+def description_yaml(description: HandDescription, folder: Path) -> str:
+    """Returns the YAML text of a description, without the keys that have their default values.
+
+    Args:
+        description: Description of the hand.
+        folder: Folder of the YAML file, at which the path of the model starts.
+    """
+    model = description.model
+    if "://" not in model:
+        model = os.path.relpath(model, folder.resolve())
+    return dump_yaml(_plain(dataclasses.replace(description, model=model)))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_plain(element) for element in value]
+    if not dataclasses.is_dataclass(value):
+        return value
+    fields = {}
+    for f in dataclasses.fields(value):
+        own = getattr(value, f.name)
+        default = f.default_factory() if callable(f.default_factory) else f.default
+        is_shown = isinstance(value, Drive) and own  # A drive shows what it has.
+        if own != default or is_shown or f.metadata.get("required"):
+            fields[f.name] = _plain(own)
+            if f.name in ("base", "reach"):  # Fields that have one of several types.
+                fields[f.name][TAG_KEY] = f"!{type(own).__name__}"
+    return fields
+
+
+def hand_page(model: HandModel) -> str:
+    """Returns a self-contained page with the hand at home over a ball.
+
+    Fingertips are balls, and the reach of each finger is a surface: the convex hull of the places
+    that its joints reach.
+
+    Args:
+        model: Model of the hand.
+
+    Raises:
+        OutputError: If Drake may not open a port.
+    """
+    meshcat, builder = start_meshcat(), RobotDiagramBuilder(time_step=0.0)
+    add_hand_model(builder.plant(), model.description)
+    builder.plant().Finalize()
+    MeshcatVisualizer.AddToBuilder(builder.builder(), builder.scene_graph(), meshcat)
+    diagram = builder.Build()
+    context, plant = diagram.CreateDefaultContext(), diagram.plant()
+    plant.SetPositions(plant.GetMyContextFromRoot(context), model.base.placed(model.fingers_home))
+    diagram.ForcedPublish(context)
+    X_WA = model.base.X_AW.inverse()
+    meshcat.SetObject("object", Sphere(OBJECT_RADIUS), _OBJECT_COLOR)
+    meshcat.SetTransform("object", X_WA)
+    for finger, (p_HT, radius) in enumerate(zip(model.p_HT, model.tip_radii, strict=True)):
+        color, name = contact_color(finger), model.description.fingertips[finger].frame
+        meshcat.SetObject(f"fingertips/{name}", Sphere(1.05 * radius), color)
+        meshcat.SetTransform(f"fingertips/{name}", X_WA @ RigidTransform(p_HT))
+        reached = trimesh.convex.convex_hull(np.array(model.workspaces[finger].data))
+        pale = Rgba(color.r(), color.g(), color.b(), _PALE)
+        meshcat.SetTriangleMesh(
+            f"reach/{name}", np.array(reached.vertices).T, np.array(reached.faces).T, pale
+        )
+        meshcat.SetTransform(f"reach/{name}", X_WA)
+    p_WO = X_WA.translation()
+    meshcat.SetCameraPose(p_WO + np.array(_CAMERA), p_WO)
+    return str(meshcat.StaticHtml())

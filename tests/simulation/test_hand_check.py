@@ -1,0 +1,127 @@
+"""The command `hand check` finds all problems of a description, and proposes one for a model."""
+
+import shutil
+
+import numpy as np
+import pytest
+from conftest import usable_hands
+from pages import DOCS, blocks
+
+from drake_pregrasp import HandModel, load_hand, load_scenario, run
+from drake_pregrasp.cli import main
+from drake_pregrasp.config.hand_description import Arm
+from drake_pregrasp.resources import resource_folder
+from drake_pregrasp.simulation.hand_check import check_hand
+
+GRIPPER = str(DOCS / "own_hand" / "gripper.urdf")
+SHIPPED = "package://drake_pregrasp/{}.yaml"
+
+
+def palm_axis(model):
+    """Direction from the object to the palm, in the frame of the link that carries finger 0."""
+    first = model.instances.moving_joints()[model.kinematics.own_joints(0)[0]]
+    plant = model.kinematics.plant
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, model.base.placed(model.fingers_home))
+    R_WP = first.parent_body().EvalPoseInWorld(context).rotation()
+    return (model.base.X_AW.rotation() @ R_WP).matrix()[2]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", usable_hands())
+def test_a_proposal_is_close_to_the_shipped_description_and_loads(name, tmp_path):
+    shipped = load_hand(SHIPPED.format(name))
+    found = check_hand(shipped.model)
+    assert found.problems == []
+    assert main(["hand", "check", shipped.model, "-o", str(tmp_path / "own.yaml")]) == 0
+    own = load_hand(tmp_path / "own.yaml")
+    assert own == found.description
+    assert type(own.base) is type(shipped.base)
+    assert isinstance(own.base, Arm) or own.base.joints == shipped.base.joints
+    assert own.palm_height == pytest.approx(shipped.palm_height, abs=0.04)
+    assert bool(own.drives) == bool(shipped.drives)
+    places = {tip.link or tip.frame: tip for tip in own.fingertips}
+    for tip in shipped.fingertips:
+        ours = places[tip.link or tip.frame]
+        assert ours.radius == pytest.approx(tip.radius, abs=0.003)
+        np.testing.assert_allclose(ours.center, tip.center, atol=0.003)
+    axes = [palm_axis(HandModel(description)) for description in (own, shipped)]
+    assert axes[0] @ axes[1] > 0.95
+
+
+@pytest.mark.slow
+def test_a_proposal_for_a_plain_urdf_grasps(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(GRIPPER, tmp_path)
+    assert main(["hand", "check", "gripper.urdf", "-o", "own.yaml", "--page", "own.html"]) == 0
+    page = (tmp_path / "own.html").read_text()
+    assert "<html" in page
+    text = """{object: !Cylinder {radius: 0.025, length: 0.08, mass: 0.2}, initial_contacts: [],
+        hand: {file: own.yaml}}"""
+    scenario = load_scenario("grasp_five_finger", text=text)
+    grasp = run(scenario, name="own", out=tmp_path, recording=False).summary["grasp"]
+    assert (grasp["phase"], grasp["gave_up"]) == ("hold", None)
+
+
+def refused(text, changes, tmp_path, capsys):
+    """Returns what is said of a shipped description with changes, line by line."""
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new, 1)
+    (tmp_path / "own.yaml").write_text(text)
+    assert main(["hand", "check", str(tmp_path / "own.yaml")]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    return [line.split("own.yaml: ")[1] for line in err.splitlines()]
+
+
+SHIPPED_TEXT = (resource_folder("models") / "three_finger_hand.yaml").read_text()
+
+
+def test_all_problems_of_keys_are_said_at_once(tmp_path, capsys):
+    changes = [("radius: 0.009", "radius: 9"), ("home:", "hom:"), ("[x, y, z, yaw]", "[x]")]
+    lines = refused(SHIPPED_TEXT, changes, tmp_path, capsys)
+    assert [line.split(":")[0] for line in lines] == [
+        "base.joints",
+        "fingertips[0]",
+        "fingertips[0].radius",
+        "fingertips[0].hom",
+    ]
+
+
+def test_all_problems_of_homes_and_frames_are_said_at_once(tmp_path, capsys):
+    homes = [("[0.0, 0.9, 1.35]", "[0.0, 0.9]"), ("[0.0, 0.9, 1.35]", "[0.0, 0.9, 4.35]")]
+    lines = refused(SHIPPED_TEXT, homes, tmp_path, capsys)
+    assert [line.split(":")[0] for line in lines] == ["fingertips[0].home", "fingertips[1].home"]
+    frames = [("frame: finger_0_tip", "frame: thumb"), ("frame: finger_2_tip", "frame: toe")]
+    lines = refused(SHIPPED_TEXT, frames, tmp_path, capsys)
+    assert [line.split(";")[0] for line in lines] == [
+        "fingertips[0].frame: there is no frame thumb",
+        "fingertips[2].frame: there is no frame toe",
+    ]
+
+
+def test_all_links_and_joints_that_a_model_lacks_are_said_at_once(tmp_path, capsys):
+    shutil.copy(GRIPPER, tmp_path)
+    changes = [
+        ("link: distal_0", "link: thumb"),
+        ("drives: [", "locked: [{joint: wrist}]\ndrives: [{joints: [elbow]}, "),
+    ]
+    lines = refused(blocks("own_hand.md", "yaml")[0], changes, tmp_path, capsys)
+    assert [line.split(";")[0] for line in lines] == [
+        "locked: there is no joint wrist",
+        "fingertips[0].link: there is no link thumb",
+        "drives: there is no joint elbow",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("model", "problem"),
+    [
+        ("package://drake_pregrasp/table.sdf", "0 chains of links end in a fingertip"),
+        ("nothing.urdf", "there is no such file"),
+    ],
+)
+def test_a_model_without_fingers_is_refused(model, problem, capsys):
+    assert main(["hand", "check", model]) == 2
+    assert problem in capsys.readouterr().err
