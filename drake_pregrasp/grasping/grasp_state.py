@@ -299,8 +299,23 @@ class GraspState:
         has_let_go = self.phase == GraspPhase.BACK_OFF and np.isinf(self.gripped)
         if self.phase not in (GraspPhase.CLOSE, GraspPhase.SQUEEZE) and not has_let_go:
             return np.full(len(self.active), NO_LIMIT)
-        planned = share * norms(self.forces)
+        planned = self.applied_share(share, touch_force) * norms(self.forces)
         return np.where(self.active, planned + _GENTLE * touch_force, NO_LIMIT)
+
+    def applied_share(self, share: float, touch_force: float) -> float:
+        """Returns the share of the planned forces with which fingers press.
+
+        While they touch, it is at least the one with which each presses with the touch force: the
+        forces of the touch, in balance.
+
+        Args:
+            share: Present value of `force`.
+            touch_force: Least normal force that counts as touch.
+        """
+        least = np.min(norms(self.forces), where=self.active, initial=np.inf)
+        if not self.touched.any() or not 0 < least < np.inf:
+            return share
+        return share + (1 - share) * min(1.0, touch_force / float(least))
 
     def to_vector(self) -> FloatArray:
         """Returns the state as one vector."""

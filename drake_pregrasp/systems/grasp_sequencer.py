@@ -381,13 +381,15 @@ class GraspSequencer(LeafSystem):
         state, last, *_, stands, _ = self._memory.Eval(context)
         if share == 0 and not state.touched.any():
             return np.zeros(state.forces.shape)
-        _, nhat, _ = self._contact_frames(context)
-        pressed = np.where(state.touched[:, None] & np.isfinite(nhat), nhat, 0.0)
-        touch = -self._settings.touch_force * pressed
-        planned, on = state.forces @ R_WG.T, state.active
+        touch_force, on = self._settings.touch_force, state.active
+        if not state.forces.any():
+            _, nhat, _ = self._contact_frames(context)
+            pressed = np.where(state.touched[:, None] & np.isfinite(nhat), nhat, 0.0)
+            return np.asarray(-touch_force * pressed @ R_WG.T)
+        planned = state.applied_share(share, touch_force) * state.forces @ R_WG.T
         lifted = 0.0 if stands else min(1.0, (context.get_time() - last.time) / _WEIGHT_DURATION)
         planned[on, 2] -= (1 - lifted) * np.sum(planned[on, 2]) / max(1, np.sum(on))
-        return np.asarray((1 - share) * touch @ R_WG.T + share * planned)
+        return np.asarray(planned)
 
     def _calc_report(self, context: Context) -> list[float]:
         state: GraspState = self._memory.Eval(context).state

@@ -357,3 +357,21 @@ def test_fingers_that_an_object_leaves_behind_move_out_before_they_touch(lasting
     else:
         assert states[-1].reason == GiveUp.OFF_GOAL
         assert states[-1].detail == 3
+
+
+@given(st.lists(st.floats(0.5, 12), min_size=N, max_size=N), st.floats(0, 1), st.floats(0, 1))
+def test_fingers_that_touch_press_with_a_share_of_the_squeeze_and_at_least_the_touch_force(
+    sizes, share, later
+):
+    forces = np.array(sizes)[:, None] * [1.0, 0.0, 0.0]
+    state = replace(GraspState.first(N, SETTINGS), active=ALL, touched=ALL, forces=forces)
+    applied = state.applied_share(share, SETTINGS.touch_force)
+    assert share <= applied <= 1
+    assert np.min(sizes) * applied >= SETTINGS.touch_force - 1e-9
+    assert np.min(sizes) * state.applied_share(0.0, SETTINGS.touch_force) == pytest.approx(
+        SETTINGS.touch_force
+    )
+    more = state.applied_share(max(share, later), SETTINGS.touch_force)
+    assert applied <= more + 1e-12
+    released = replace(state, touched=~ALL)
+    assert released.applied_share(share, SETTINGS.touch_force) == share
