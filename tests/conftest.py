@@ -3,6 +3,7 @@
 import gc
 import os
 from collections.abc import Iterable, Mapping
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -124,7 +125,13 @@ def usable_scenarios() -> list[Any]:
 def usable_studies() -> list[Any]:
     """The names of the shipped studies; those of robots that are not there are skipped."""
     lacking = {"random_boxes_allegro": lacking_robots()}
+    lacking["engines"] = lacking_robots() or lacking_shadow() or lacking_mujoco()
     return _usable(shipped_studies(), lacking | {"household": lacking_robots() or lacking_shadow()})
+
+
+def lacking_mujoco() -> str:
+    """Says that the extra `mujoco` is not installed, or nothing."""
+    return "" if find_spec("mujoco") else "mujoco is not installed"
 
 
 def lacking_shadow() -> str:

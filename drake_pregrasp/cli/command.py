@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from drake_pregrasp.cli import hand_command, run_command, study_commands
+from drake_pregrasp.cli import grasp_commands, hand_command, run_command, study_commands
 from drake_pregrasp.errors import OutputError, PregraspError, printable
 from drake_pregrasp.simulation.output import INTERRUPTED_STATUS
 from drake_pregrasp.simulation.scenario_file import shipped_scenarios
@@ -118,6 +118,7 @@ def _parser() -> argparse.ArgumentParser:
 
     run_command.add_command(commands)
     hand_command.add_command(commands)
+    grasp_commands.add_commands(commands)
     study_commands.add_commands(commands)
 
     smoother = commands.add_parser("smooth", help="smooth recorded poses and add velocities")

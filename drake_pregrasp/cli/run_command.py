@@ -85,7 +85,7 @@ def print_result(result: RunResult, *, recorded: bool) -> None:
         print(line)
     print(f"speed       {factor:.1f} x real time, planning tick {tick_ms:.2f} ms (median)")
     if "grasp" in summary:
-        print(f"grasp       {_grasp_in_words(summary['grasp'])}")
+        print(f"grasp       {grasp_in_words(summary['grasp'])}")
     if late := summary["deadline_overruns"]:
         print(f"late        {late} of {summary['ticks']} ticks took longer than planner.period")
     for contact, reason in summary["inactive_contacts"].items():
@@ -124,7 +124,8 @@ def _measures_in_words(summary: Mapping[str, Any]) -> Iterator[str]:
             yield f"worse       best {name.upper()} is {static[name] - best[name]:.2g} below static"
 
 
-def _grasp_in_words(grasp: Mapping[str, Any]) -> str:
+def grasp_in_words(grasp: Mapping[str, Any]) -> str:
+    """Returns the results of a grasp, from `summary.json`, as a sentence."""
     words = [f"at the end: {grasp['phase']}"]
     x, y, up = grasp.get("palm_from", (0, 0, 1))
     if up < 0.5:
@@ -166,10 +167,16 @@ def add_command(commands: "argparse._SubParsersAction[Any]") -> None:
     add_scenario_options(film)
 
 
-def add_scenario_options(parser: argparse.ArgumentParser) -> None:
-    """Adds the options that `load_chosen` reads, and --out."""
+def add_scenario_options(parser: argparse.ArgumentParser, *, or_run: bool = False) -> None:
+    """Adds the options that `load_chosen` reads, and --out.
+
+    Args:
+        parser: Parser of the command.
+        or_run: Whether the command also takes a run folder in place of a scenario.
+    """
     add = parser.add_argument
-    add("scenario", nargs="?", help="name of a shipped scenario, or of an entry of --scenario_file")
+    what = "name of a shipped scenario, or of an entry of --scenario_file"
+    add("scenario", nargs="?", help=f"{what}; or a run folder" if or_run else what)
     add("--scenario_file", metavar="FILE", help="YAML file with scenarios")
     add(
         "--scenario_text",

@@ -11,30 +11,23 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.errors import InvalidArgumentError, first_line
 from drake_pregrasp.grasping.grasp_state import GraspPhase, describe_give_up
 from drake_pregrasp.simulation.output import replacing, writing
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.run_log import pose_values
-from drake_pregrasp.simulation.scenario_file import dump_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram, make_simulator
 
 POSTURES = ("pregrasp", "grasp", "squeeze")
 """Names of the postures, in the order of time."""
 
-_TEXTS = ("scenario", "joint_names", "palm_name")
-_SIZES = {"vertices": 2, "faces": 2, "mass": 0, "friction": 0} | {
-    f"{name}_{part}": 1 for name in POSTURES for part in ("q", "X_WO", "X_WP")
-}
 
-
-def export_grasp(name: str, resolved: ResolvedScenario, path: Path) -> dict[str, Any]:
+def export_grasp(resolved: ResolvedScenario, path: Path) -> dict[str, Any]:
     """Simulates a grasp, writes its arrays to an `.npz` file, and returns them.
 
     docs/second_engine.md lists the arrays.
 
     Args:
-        name: Name of the scenario.
         resolved: Scenario with a hand.
         path: File to write.
 
@@ -43,10 +36,9 @@ def export_grasp(name: str, resolved: ResolvedScenario, path: Path) -> dict[str,
         OutputError: If the file cannot be written.
     """
     if resolved.hand is None:
-        raise InvalidArgumentError(f"{name}: has no hand whose motion could be exported")
+        raise InvalidArgumentError("hand: there is none, whose motion could be exported")
     arrays = commanded_motion(resolved)
     arrays |= _postures(resolved, arrays) | _object(resolved)
-    arrays["scenario"] = np.array(dump_scenario(name, resolved.scenario))
     with writing(path), replacing(path) as partial, partial.open("wb") as file:
         np.savez_compressed(file, **arrays)
     return arrays
@@ -136,21 +128,20 @@ def _object(resolved: ResolvedScenario) -> dict[str, FloatArray]:
     }
 
 
-def read_export(path: Path) -> dict[str, Any]:
-    """Returns the arrays of a file that `export_grasp` has written.
+def read_postures(path: Path) -> dict[str, FloatArray]:
+    """Returns the postures in a file of `export_grasp`: arrays such as `grasp_q`, `grasp_X_WO`.
 
     Raises:
         InvalidArgumentError: If it is no such file.
     """
+    names = [f"{name}_{part}" for name in POSTURES for part in ("q", "X_WO")]
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in (*_TEXTS, *_SIZES)}
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+            arrays = {name: np.array(file[name], dtype=float) for name in names}
     except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-        raise InvalidArgumentError(
-            f"{path}: is no file of drake-pregrasp export: {error}"
-        ) from error
-    for name, dimensions in _SIZES.items():
-        array = arrays[name]
-        if array.ndim != dimensions or not np.all(np.isfinite(array)):
-            raise InvalidArgumentError(f"{path}: {name} must be finite, of {dimensions} dimensions")
+        problem = f"{path}: is no file of drake-pregrasp export: {first_line(error)}"
+        raise InvalidArgumentError(problem) from error
+    for name, array in arrays.items():
+        if array.ndim != 1 or not np.all(np.isfinite(array)):
+            raise InvalidArgumentError(f"{path}: {name} must be a vector of finite numbers")
     return arrays

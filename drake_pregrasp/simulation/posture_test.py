@@ -6,6 +6,7 @@ its pregrasp over the grasp to the squeeze, and then a force acts on the object.
 """
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from drake_pregrasp.diagrams.hand_instances import HandInstances
 from drake_pregrasp.diagrams.hand_parsing import add_hand_model
 from drake_pregrasp.diagrams.object_body import add_object
 from drake_pregrasp.diagrams.object_contact import separate_contacts
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.convex_pieces import convex_pieces
 from drake_pregrasp.simulation.grasp_export import POSTURES
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
@@ -69,13 +71,16 @@ def posture_test(resolved: ResolvedScenario, postures: Mapping[str, Any]) -> lis
         postures: Arrays of `export_grasp`.
 
     Raises:
-        InvalidArgumentError: If the extra `mujoco` is not installed, or cannot simulate the hand.
+        InvalidArgumentError: If the extra `mujoco` is not installed, or cannot simulate the hand,
+            or the postures are those of another hand.
     """
     assert resolved.hand is not None
     x, y, z, *wxyz = postures[f"{POSTURES[-1]}_X_WO"]
     X_WO = RigidTransform(Quaternion(np.array(wxyz) / np.linalg.norm(wxyz)), [x, y, z])
     path = [np.array(postures[f"{name}_q"]) for name in POSTURES]
-    base = resolved.hand.base.joints
+    count, base = resolved.hand.kinematics.num_positions, resolved.hand.base.joints
+    if sizes := {len(q) for q in path} - {count}:
+        raise InvalidArgumentError(f"postures have {sizes.pop()} joints, and the hand has {count}")
     for q in path:
         q[base] = path[-1][base]
     own, hand, body = _model(resolved, X_WO)
@@ -124,7 +129,7 @@ def _loaded(
         data.ctrl[drives] = own.gains[drives, 0] * q
         mujoco.mj_step(model, data, round(seconds / model.opt.timestep))
 
-    for start, end in zip(path, path[1:], strict=False):
+    for start, end in pairwise(path):
         for step in range(1, _MOVES + 1):
             advance(start + step / _MOVES * (end - start), _MOVE_TIME)
     data.xfrc_applied[body, :3] = FORCE * direction

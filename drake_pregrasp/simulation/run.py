@@ -41,8 +41,12 @@ from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
 MCAP_FILE = "run.mcap"
 """Name of the log for Foxglove, which is made on demand."""
 
+EXPORT_FILE = "grasp.npz"
+"""Name of the arrays of `drake-pregrasp export`, which a new run deletes."""
+
 _INPUT_FILES = ("scenario.yaml", "diagram.dot", "diagram.svg")
-_RESULTS = ("log.csv", "grasp.csv", "summary.json", "metrics.png", "recording.html", MCAP_FILE)
+_LOGS = ("log.csv", "grasp.csv", MCAP_FILE)
+_RESULTS = (*_LOGS, "summary.json", "metrics.png", "recording.html", EXPORT_FILE)
 
 RUN_FILES = (*_INPUT_FILES, *_RESULTS)
 """Names of the files of a run folder. A new run replaces these and no other files."""

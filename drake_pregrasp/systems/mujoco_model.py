@@ -208,7 +208,8 @@ def _add_drive(mujoco: Any, spec: Any, actuator: JointActuator, inertia: float) 
     MuJoCo integrates the damping d of a drive implicitly, but its contacts do not see that: in a
     time step h they carry an object along with a velocity that is too large by the factor
     1 + d h / I for the inertia I at the joint. Fingers have a factor of 1.2, and wrists of arms up
-    to 3. The turntable of a conveyor, with a factor of 6, would throw what it carries. Such a drive is made inert, because it prescribes the motion.
+    to 3. The turntable of a conveyor, with a factor of 6, would throw what it carries. Such a drive
+    is made inert, because it prescribes the motion.
 
     Args:
         mujoco: The module.

@@ -1,0 +1,111 @@
+"""The commands `drake-pregrasp export` and `drake-pregrasp replay`."""
+
+import argparse
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from drake_pregrasp.cli.run_command import (
+    add_scenario_options,
+    grasp_in_words,
+    load_chosen,
+    stop_on_signals,
+)
+from drake_pregrasp.config.yaml_text import MAX_BYTES
+from drake_pregrasp.diagrams.object_plant import ENGINES, MUJOCO
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.resources import read_bounded_text
+from drake_pregrasp.simulation.grasp_export import export_grasp, read_postures
+from drake_pregrasp.simulation.output import INTERRUPTED_STATUS
+from drake_pregrasp.simulation.posture_test import posture_test
+from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
+from drake_pregrasp.simulation.run import EXPORT_FILE, run
+from drake_pregrasp.simulation.scenario_file import load_resolved
+
+_SCENARIO = "scenario.yaml"
+
+
+def add_commands(commands: "argparse._SubParsersAction[Any]") -> None:
+    """Adds the commands to those of `drake-pregrasp`."""
+    export = commands.add_parser("export", help="write the motion and the postures of a grasp")
+    export.set_defaults(command=_export)
+    add_scenario_options(export, or_run=True)
+    replay = commands.add_parser("replay", help="repeat a run with MuJoCo, or test its postures")
+    replay.set_defaults(command=_replay)
+    add = replay.add_argument
+    add("run", metavar="RUN", type=Path, help="run folder")
+    add("--engine", choices=ENGINES, default=MUJOCO, help="what simulates it (%(default)s)")
+    add("--postures", action="store_true", help="test the exported postures by DexGraspBench")
+    add("--out", default="runs", metavar="FOLDER", help="folder of run folders (%(default)s)")
+
+
+def _export(options: argparse.Namespace) -> int:
+    folder = Path(options.scenario or "")
+    if options.scenario and (folder / _SCENARIO).is_file():
+        resolved = load_resolved(file=folder / _SCENARIO, folders=options.allow)
+    else:
+        name, resolved = load_chosen(options)
+        with stop_on_signals() as should_stop:
+            done = run(
+                resolved, name=name, out=options.out, recording=False, should_stop=should_stop
+            )
+        if not done.completed:
+            return INTERRUPTED_STATUS
+        folder = done.folder
+    export_grasp(resolved, folder / EXPORT_FILE)
+    print(f"motion and postures in {folder / EXPORT_FILE}")
+    return 0
+
+
+def _replay(options: argparse.Namespace) -> int:
+    folder: Path = options.run
+    if not (folder / _SCENARIO).is_file():
+        raise InvalidArgumentError(f"{folder}: is no run folder: it has no {_SCENARIO}")
+    text = f"{{engine: {options.engine}}}"
+    resolved = load_resolved(file=folder / _SCENARIO, text=text)
+    if options.postures:
+        return _test_postures(options, resolved)
+    if resolved.hand is None:
+        raise InvalidArgumentError(f"{folder}: has no hand, so there is no grasp to compare")
+    name = f"{folder.resolve().name}-{options.engine}"
+    with stop_on_signals() as should_stop:
+        done = run(resolved, name=name, out=options.out, should_stop=should_stop, recording=False)
+    if not done.completed:
+        return INTERRUPTED_STATUS
+    first, second = _grasp(folder), done.summary["grasp"]
+    print(f"run         {grasp_in_words(first)}")
+    print(f"{options.engine:12}{grasp_in_words(second)}")
+    agree = "agree" if _is_held(first) == _is_held(second) else "differ"
+    print(f"verdicts    {agree}")
+    print(f"results in {done.folder}")
+    return 0
+
+
+def _grasp(folder: Path) -> dict[str, Any]:
+    file = folder / "summary.json"
+    try:
+        grasp: dict[str, Any] = json.loads(read_bounded_text(file, MAX_BYTES))["grasp"]
+    except (ValueError, KeyError) as error:
+        raise InvalidArgumentError(f"{file}: is no summary of a run with a hand") from error
+    return grasp
+
+
+def _is_held(grasp: Mapping[str, Any]) -> bool:
+    """Returns whether an object was held; of a run without a shake, whether the hand holds it."""
+    held = grasp.get("held")
+    return grasp["phase"] == "hold" if held is None else bool(held)
+
+
+def _test_postures(options: argparse.Namespace, resolved: ResolvedScenario) -> int:
+    if options.engine != MUJOCO:
+        raise InvalidArgumentError(f"--postures: are tested by {MUJOCO}, not by {options.engine}")
+    results = posture_test(resolved, read_postures(options.run / EXPORT_FILE))
+    for result in results:
+        x, y, z = result.direction
+        verdict = "held" if result.held else "lost"
+        moved = f"moved {1e3 * result.moved:.2f} mm and turned {result.turned:.2f}°"
+        print(f"force along ({x:2.0f},{y:2.0f},{z:2.0f})  {verdict}: {moved}")
+    held = all(result.held for result in results)
+    print(f"postures    {'hold' if held else 'do not hold'} the object in all six directions")
+    return 0
