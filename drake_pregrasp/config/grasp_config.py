@@ -159,6 +159,16 @@ class GraspConfig:
         """Returns the size of the largest fingertip, which needs a place on the object."""
         return TipSize(max(tip.radius for tip in fingertips), self.standoff, MOVING_CLEARANCE)
 
+    def earliest_rest(self, fingertips: Sequence[Fingertip] = ()) -> float:
+        """Returns the least time until which the hand has to follow the object, in seconds.
+
+        It waits for no finger and touches at the standoff. While it stops for the lift, it moves
+        half as far as the object would.
+        """
+        settings = replace(self.make_settings(fingertips), search=np.zeros(1))
+        closing = settings.closing_duration + settings.squeeze_duration
+        return self.close_at + closing + settings.stop_duration / 2
+
     def latest_rest(self, fingertips: Sequence[Fingertip] = ()) -> float:
         """Returns the time until which the hand follows the object's motion, in seconds.
 

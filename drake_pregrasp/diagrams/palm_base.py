@@ -87,6 +87,7 @@ class PalmCarrier:
 
     Attributes:
         joints: Indices of the positions x, y, z and yaw.
+        names: Names of these joints.
         palm_frame: Empty: the axes follow a posture, not the palm a pose.
         X_AW: Pose of W in A with the palm at home.
 
@@ -99,6 +100,7 @@ class PalmCarrier:
     ) -> None:
         joints = _base_joints(hand, config.joints)
         self.joints, self.palm_frame = [joint.position_start() for joint in joints], ""
+        self.names = config.joints
         self._X_LA, self.X_AW = X_LA, X_LA.inverse()
         # Positions of x, y and z are R_AL p_WL + p_AL for a point L on the palm's axis.
         self._R_AL = self.X_AW.rotation().matrix()

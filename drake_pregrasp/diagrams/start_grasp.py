@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.math import RigidTransform
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig, hand_limits
@@ -15,11 +15,11 @@ from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.contacts.assignment import assign_fingers_round, make_room, palm_turn
 from drake_pregrasp.contacts.hand_over_object import HandOverObject, StartContacts
 from drake_pregrasp.contacts.start_contacts import choose_start_contacts
+from drake_pregrasp.diagrams.feasibility import palm_problem, turned_by
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import InvalidArgumentError, Lack, NoGraspError
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.grasping.clearances import LINK_CLEARANCE
 from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
 from drake_pregrasp.regions.finger_measures import FingerMeasures
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
@@ -52,7 +52,7 @@ def _start_constraints(
 
     def at(yaw: float) -> RegionConstraints:
         R_OH = R_OW @ reach_frame(p_OCoM, yaw, yaw_range, hand.X_LA).rotation().matrix()
-        R_OU = R_OW @ hand.X_LA.rotation().matrix() @ _turned(yaw)
+        R_OU = R_OW @ hand.X_LA.rotation().matrix() @ turned_by(yaw)
         fingers = measures and replace(measures, least=least, R_OU=R_OU, p_OU=p_OA)
         return replace(shared, reach_pose=(R_OH, p_OA), finger_measures=fingers)
 
@@ -112,14 +112,14 @@ def start_contacts_of(
     yaw_range = hand.yaw_range(config.yaw_range)
 
     return _contacts_or_reason(
-        partial(_palm_problem, hand, config, poses, p_OCoM),
+        partial(palm_problem, hand, config, poses, p_OCoM),
         surface,
         solid,
         HandOverObject(
             constraints_at=_start_constraints(
                 hand, limits, X_WO, fixed, yaw_range, p_OCoM, measures
             ),
-            p_OT_at=lambda yaw: hand.p_HT @ (R_OA @ _turned(yaw)).T + p_OA,
+            p_OT_at=lambda yaw: hand.p_HT @ (R_OA @ turned_by(yaw)).T + p_OA,
             azimuths=hand.azimuths,
             R_AO=R_OA.T,
             p_AO=-p_OA @ R_OA,
@@ -131,8 +131,8 @@ def start_contacts_of(
             patch_radii=hand.description.patch_radii,
             pairs=tuple(limits.pairs),
             opening=hand.opening - 2 * config.standoff,
-            holds_palm=lambda yaw: not _palm_problem(hand, config, poses, p_OCoM, yaw),
-            in_workspace=lambda yaw, p_OT: hand.in_workspace((p_OT - p_OA) @ R_OA @ _turned(yaw)),
+            holds_palm=lambda yaw: not palm_problem(hand, config, poses, p_OCoM, yaw),
+            in_workspace=lambda yaw, p_OT: hand.in_workspace((p_OT - p_OA) @ R_OA @ turned_by(yaw)),
             clearance_weight=float(
                 hand.X_LA.IsExactlyIdentity()
             ),  # Fingers from the side reach around.
@@ -191,14 +191,14 @@ def _given_contacts(
     hand.check_contacts(p_OC, surface.project(p_OC)[1])
     yaw = palm_turn(p_AC, hand.azimuths, 0.0, yaw_range)
     # From above, an arm is checked along the path, by a message that tells the time.
-    problem = "" if X_LA.IsExactlyIdentity() else _palm_problem(hand, config, poses, p_OCoM, yaw)
+    problem = "" if X_LA.IsExactlyIdentity() else palm_problem(hand, config, poses, p_OCoM, yaw)
     if problem:
         raise InvalidArgumentError(f"{problem}, with a palm from the side at these contacts")
     constraints = _start_constraints(hand, limits, X_WO, fixed, yaw_range, p_OCoM)(yaw)
     R_OA = R_WO.T @ X_LA.rotation().matrix()
     p_OC, has_room = make_room(surface, p_OC, constraints, up=R_OA[:, 2])
     p_OT = p_OC + hand.tip_radii[:, None] * surface.project(p_OC)[1]
-    p_AT = hand.around_axis(p_OT, R_WO, p_OCoM) @ _turned(yaw)
+    p_AT = hand.around_axis(p_OT, R_WO, p_OCoM) @ turned_by(yaw)
     reached = has_room & hand.in_workspace(p_AT[:, None])[:, 0]
     away = np.mean(np.linalg.norm(hand.p_HT - p_AT, axis=1))
     return StartContacts(p_OC, has_room, yaw, np.nan, float(np.sum(reached) - away))
@@ -290,57 +290,3 @@ def check_room(hand: HandDescription, has_room: BoolArray) -> None:
     if away and there < least:
         problem = f"only {there} fingers reach it and have room, {least} are needed"
         raise InvalidArgumentError(f"{problem}; there is no place for {', '.join(away)}")
-
-
-def check_palm(
-    hand: HandModel,
-    config: GraspConfig,
-    poses: Sequence[RigidTransform],
-    p_OCoM: FloatArray,
-    yaw: float,
-) -> None:
-    """Checks that a hand can hold its palm at an object, before it, and where it lifts it.
-
-    Args:
-        hand: Model of the hand.
-        config: Configuration of the grasp.
-        poses: Poses of the object, with which the palm turns.
-        p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
-        yaw: Yaw of the palm over the first pose, in radians.
-
-    Raises:
-        InvalidArgumentError: If an arm cannot hold the palm.
-    """
-    axis, settings = hand.X_LA.rotation().matrix()[:, 2], config.make_settings()
-    lift = settings.lift_height * config.lift_axis
-    first, *_ = turns = [RollPitchYaw(X_WO.rotation()).yaw_angle() for X_WO in poses]
-    for X_WO, turn in zip(poses, turns, strict=True):
-        # The palm turns with the object.
-        turned = yaw + (turn - first) * axis[2]
-        turned = float(np.clip(turned, *hand.yaw_range(config.yaw_range)))
-        for place in (np.zeros(3), settings.approach_height * axis, lift):
-            hand.home(X_WO @ p_OCoM + place, turned)
-
-
-def _palm_problem(
-    hand: HandModel,
-    config: GraspConfig,
-    path: Sequence[RigidTransform],
-    p_OCoM: FloatArray,
-    yaw: float,
-) -> str:
-    """Returns why a hand cannot hold its palm at a yaw along a path; empty if it can."""
-    try:
-        check_palm(hand, config, path, p_OCoM, yaw)
-    except InvalidArgumentError as error:
-        return str(error)
-    height = float((path[0] @ p_OCoM + hand.X_LA.translation())[2])
-    needed = hand.side_depth(yaw) + LINK_CLEARANCE
-    if hand.X_LA.rotation().IsExactlyIdentity() or needed <= height:
-        return ""
-    return f"fingers at home need a palm {needed:.3g} m over the table, and it is at {height:.3g} m"
-
-
-def _turned(yaw: float) -> FloatArray:
-    R: FloatArray = RotationMatrix.MakeZRotation(yaw).matrix()
-    return R

@@ -12,11 +12,19 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.finger_config import capability_at, remaining_contacts
 from drake_pregrasp.config.grasp_config import ABOVE, SIDE, GraspConfig, hand_measures
 from drake_pregrasp.config.hand_description import HandDescription
-from drake_pregrasp.config.object_config import Box, Mesh, PoseStream, Push, Revolved, Toss
+from drake_pregrasp.config.object_config import (
+    Box,
+    Conveyor,
+    Mesh,
+    PoseStream,
+    Push,
+    Revolved,
+    Toss,
+)
 from drake_pregrasp.config.planner_config import MeasuresConfig, PlannerConfig
 from drake_pregrasp.contacts.assignment import assign_fingers, palm_turn, ring_contacts
 from drake_pregrasp.contacts.hand_over_object import StartContacts
-from drake_pregrasp.diagrams import start_grasp
+from drake_pregrasp.diagrams import feasibility, start_grasp
 from drake_pregrasp.diagrams.approaches import (
     best_approach,
     candidate_approaches,
@@ -33,6 +41,7 @@ from drake_pregrasp.errors import (
     errors_at,
     raise_first,
 )
+from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.finger_measures import FingerMeasures
@@ -164,12 +173,15 @@ def _resolved(scenario: Scenario, keep: ResolvedScenario | None) -> ResolvedScen
         else:
             model, start = _hand_and_start(scenario, hand, shape, surface, X_WO)
         planner = start_grasp.hand_planner(planner, scenario.grasp, model.description)
-        _check_arm(scenario, model, start.p_OC, shape)
+        _check_base(scenario, model, start.p_OC, shape)
     raise_first(scenario_check.obstacle_problems(scenario, shape))
     raise_first(scenario_check.limit_problems(scenario, planner.limits, count, surface))
     if model is not None:
         with errors_at("object"):
             start_grasp.check_room(model.description, start.has_contact)
+        with errors_at("object.mass"):
+            mass, grasp = scenario.object.mass, scenario.grasp
+            feasibility.check_torques(model, grasp, surface, start, X_WO, mass)
     raise_first(scenario_check.engine_problems(scenario))
     raise_first(scenario_check.drake_problems(scenario, plant_config))
     return ResolvedScenario(scenario, shape, surface, X_WO, model, start, planner, plant_config)
@@ -345,7 +357,7 @@ def _followed_path(
     return poses[:: max(1, len(poses) // 3)]
 
 
-def _check_arm(scenario: Scenario, hand: HandModel, p_OC: FloatArray, shape: Shape) -> None:
+def _check_base(scenario: Scenario, hand: HandModel, p_OC: FloatArray, shape: Shape) -> None:
     """Raises an error unless the hand can hold its palm at the object at all times, and lift it.
 
     Args:
@@ -360,4 +372,12 @@ def _check_arm(scenario: Scenario, hand: HandModel, p_OC: FloatArray, shape: Sha
     first = palm_turn(p_AC, hand.azimuths, 0.0, yaw_range)
     for time, X_WO in path:
         with errors_at("motion", f"at {time:.3g} s the object is out of the arm's reach: "):
-            start_grasp.check_palm(hand, scenario.grasp, [start, X_WO], shape.p_OCoM, first)
+            feasibility.check_palm(hand, scenario.grasp, [start, X_WO], shape.p_OCoM, first)
+    if isinstance(scenario.motion, Conveyor):
+        rest = scenario.grasp.earliest_rest(hand.description.fingertips)
+        end, profile = min(scenario.simulation_duration, rest), scenario.motion.velocities()
+        p_WCoM = start @ shape.p_OCoM
+        with errors_at("motion"):
+            feasibility.check_carrier(
+                hand, scenario.grasp, VelocityProfile(profile), end, p_WCoM, first
+            )

@@ -26,16 +26,18 @@ def balanced(active):
     return Squeeze(np.zeros((N, 3)), 0.0)
 
 
-def last_touch(config, tips, arrival=0.0):
-    """Returns the state of a hand whose fingers touch as late as they may, when all have.
+def last_touch(config, tips, arrival=0.0, gap=None):
+    """Returns the state of a hand whose fingers touch at a gap, when all have.
 
-    They arrive at their goals at some time before that.
+    They arrive at their goals at some time before that. Without a gap they touch as late as they
+    may.
     """
     settings = config.make_settings(tips)
     state = replace(GraspState.first(N, settings), phase=GraspPhase.TRACK)
     tick = 0
     while np.isinf(state.gripped) and state.phase != GraspPhase.BACK_OFF:
-        touches = state.standoffs <= -settings.search + settings.closing_speed * PERIOD
+        least = -settings.search if gap is None else gap
+        touches = state.standoffs <= least + settings.closing_speed * PERIOD
         view = GraspView(
             tick * PERIOD,
             tick * PERIOD >= config.close_at,
@@ -75,6 +77,14 @@ def test_no_hand_comes_to_rest_later_than_it_is_expected_to(gate_limit):
     latest = last_touch(config, tips, config.close_at + gate_limit - 2 * PERIOD)
     rest = latest.gripped + settings.squeeze_duration
     assert rest + settings.stop_duration == pytest.approx(config.latest_rest(tips), abs=4 * PERIOD)
+
+
+def test_a_hand_that_touches_at_the_standoff_moves_as_far_as_until_its_earliest_rest():
+    config, tips = GraspConfig(close_at=0.1), fingertips([0.02] * N, [0.006] * N)
+    settings = config.make_settings(tips)
+    gripped = last_touch(config, tips, gap=0.0).gripped + settings.squeeze_duration
+    earliest = gripped + settings.stop_duration / 2
+    assert earliest == pytest.approx(config.earliest_rest(tips), abs=4 * PERIOD)
 
 
 @pytest.mark.parametrize("wrong", [[1.0], [0.2, -0.1], [0.0, 1.0, 2.0], [0.0, np.nan]])

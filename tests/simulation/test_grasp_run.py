@@ -227,3 +227,17 @@ def test_what_a_hand_cannot_do_is_refused_in_one_line(text, message):
     with pytest.raises(ScenarioError, match=message) as error:
         load_resolved(NAME, text=text)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "fine",
+    [
+        "simulation_duration: 5.0, motion: {linear_velocity: 0.3, angular_velocity: 1.57}",
+        "motion: {linear_velocity: 0.3, angular_velocity: 0.0}, grasp: {close_at: 3.75}",
+        "motion: {linear_velocity: 0.0, angular_velocity: 4.0}",
+        "motion: {linear_velocity: 0.0, angular_velocity: 6.28}, grasp: {wrist_range: [-1, 1]}",
+        "initial_contacts: [], object: !Cylinder {mass: 1.4}",
+    ],
+)
+def test_an_object_that_a_hand_can_follow_until_it_is_gripped_and_lift_is_accepted(fine):
+    assert load_resolved(NAME, text=f"{{{fine}}}").hand is not None

@@ -1,0 +1,201 @@
+"""Checks that a hand can follow an object, hold its palm there, and lift the object."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from scipy.linalg import block_diag
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.grasp_config import GraspConfig
+from drake_pregrasp.contacts.assignment import FREE_TURN
+from drake_pregrasp.contacts.hand_over_object import StartContacts
+from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.diagrams.palm_base import PalmCarrier
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.geometry.motion_profiles import VelocityProfile
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.grasping.clearances import LINK_CLEARANCE
+from drake_pregrasp.grasping.grasp_state import GiveUp
+from drake_pregrasp.systems.grasp_sequencer import GRAVITY
+from drake_pregrasp.systems.squeeze_program import plan_squeeze
+
+_TIMES = 200  # Times at which the joints of a carrier are compared with their limits.
+_WRIST = 3  # Index of the joint of a carrier that turns.
+_REACHED = 0.002  # Largest distance of a fingertip from its place that counts as there, in metres.
+_HALVINGS = 8  # Halvings of the weight's share that torques hold.
+
+
+def check_palm(
+    hand: HandModel,
+    config: GraspConfig,
+    poses: Sequence[RigidTransform],
+    p_OCoM: FloatArray,
+    yaw: float,
+) -> None:
+    """Checks that a hand can hold its palm at an object, before it, and where it lifts it.
+
+    Args:
+        hand: Model of the hand.
+        config: Configuration of the grasp.
+        poses: Poses of the object, with which the palm turns.
+        p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
+        yaw: Yaw of the palm over the first pose, in radians.
+
+    Raises:
+        InvalidArgumentError: If an arm cannot hold the palm.
+    """
+    axis, settings = hand.X_LA.rotation().matrix()[:, 2], config.make_settings()
+    lift = settings.lift_height * config.lift_axis
+    first, *_ = turns = [RollPitchYaw(X_WO.rotation()).yaw_angle() for X_WO in poses]
+    for X_WO, turn in zip(poses, turns, strict=True):
+        # The palm turns with the object.
+        turned = yaw + (turn - first) * axis[2]
+        turned = float(np.clip(turned, *hand.yaw_range(config.yaw_range)))
+        for place in (np.zeros(3), settings.approach_height * axis, lift):
+            hand.home(X_WO @ p_OCoM + place, turned)
+
+
+def check_carrier(
+    hand: HandModel,
+    config: GraspConfig,
+    profile: VelocityProfile,
+    end: float,
+    p_WCoM: FloatArray,
+    yaw: float,
+) -> None:
+    """Checks that a carrier can follow a conveyor within the travel and the speeds of its joints.
+
+    Args:
+        hand: Model of the hand; a palm on an arm is not checked.
+        config: Configuration of the grasp.
+        profile: Linear and angular velocity of the conveyor, in m/s and rad/s.
+        end: Time until which the hand follows, in seconds.
+        p_WCoM: Initial centre of mass of the object in W, shape (3,), in metres.
+        yaw: Initial yaw of the palm, in radians.
+
+    Raises:
+        InvalidArgumentError: If a joint cannot follow; the message names it, its limit and what is
+            needed.
+    """
+    if not isinstance(hand.base, PalmCarrier):
+        return
+    times, model, joints = np.linspace(0.0, end, _TIMES), hand.kinematics, hand.base.joints
+    slid, turned = np.array([profile.at(time)[0] for time in times]).T
+    # Fingers of a palm with a limited range need not go round with the object.
+    follows = hand.yaw_range(config.yaw_range) == FREE_TURN
+    yaws = yaw + follows * hand.X_LA.rotation().matrix()[2, 2] * turned
+    q = [
+        hand.home(p_WCoM + np.array([x, 0.0, 0.0]), psi)[joints]
+        for x, psi in zip(slid, yaws, strict=True)
+    ]
+    positions, rates = np.array(q), np.abs(np.diff(q, axis=0)) / np.diff(times)[:, None]
+    for index, (name, joint) in enumerate(zip(hand.base.names, joints, strict=True)):
+        unit = "rad" if index == _WRIST else "m"
+        limit, travel = model.rate_limit[joint], (model.lower[joint], model.upper[joint])
+        if np.any(fast := rates[:, index] > limit):
+            time, rate = times[np.argmax(fast)], np.max(rates[:, index])
+            raise InvalidArgumentError(
+                f"from {time:.3g} s the object is too fast for the carrier: joint {name} would have"
+                f" to follow it at {rate:.3g} {unit}/s, its limit is {limit:.3g} {unit}/s"
+            )
+        inside = np.clip(positions[:, index], *travel)
+        if np.any(beyond := inside != positions[:, index]):
+            late = int(np.argmax(beyond))
+            raise InvalidArgumentError(
+                f"at {times[late]:.3g} s the object leaves the carrier's travel: joint {name} ends"
+                f" at {inside[late]:.3g} {unit}, and would have to go to {positions[-1, index]:.3g}"
+                f" {unit} until the hand has gripped, at {end:.3g} s; let it close earlier"
+            )
+
+
+def palm_problem(
+    hand: HandModel,
+    config: GraspConfig,
+    path: Sequence[RigidTransform],
+    p_OCoM: FloatArray,
+    yaw: float,
+) -> str:
+    """Returns why a hand cannot hold its palm at a yaw along a path; empty if it can."""
+    try:
+        check_palm(hand, config, path, p_OCoM, yaw)
+    except InvalidArgumentError as error:
+        return str(error)
+    height = float((path[0] @ p_OCoM + hand.X_LA.translation())[2])
+    needed = hand.side_depth(yaw) + LINK_CLEARANCE
+    if hand.X_LA.rotation().IsExactlyIdentity() or needed <= height:
+        return ""
+    return f"fingers at home need a palm {needed:.3g} m over the table, and it is at {height:.3g} m"
+
+
+def check_torques(
+    hand: HandModel,
+    config: GraspConfig,
+    surface: ObjectSurface,
+    start: StartContacts,
+    X_WO: RigidTransform,
+    mass: float,
+) -> None:
+    """Checks that the joints of the fingers are strong enough to hold an object at rest.
+
+    Nothing is checked if a finger cannot be placed at its start contact, from which it may move.
+
+    Args:
+        hand: Model of the hand with its approach.
+        config: Configuration of the grasp.
+        surface: Surface of the object.
+        start: Start contacts.
+        X_WO: Initial pose of the object.
+        mass: Mass of the object, in kg.
+
+    Raises:
+        InvalidArgumentError: If no squeeze at the start contacts balances the weight within the
+            torques, but one would without these limits.
+    """
+    R_OW, p_OCoM, fingers = X_WO.rotation().matrix().T, surface.p_OCoM, start.has_contact
+    p_OC, efforts, columns = start.p_OC[fingers], [], []
+    nhat = surface.project(p_OC)[1]
+    R_OU = R_OW @ hand.X_LA.rotation().matrix() @ turned_by(start.yaw)
+    p_OU = p_OCoM + R_OW @ hand.X_LA.translation()
+    p_UT = (p_OC + hand.tip_radii[fingers, None] * nhat - p_OU) @ R_OU
+    for place, finger in zip(p_UT, np.flatnonzero(fingers), strict=True):
+        chain = hand.finger_chains[finger]
+        tips, jacobians = chain.tips(chain.postures(place[None]))
+        if np.linalg.norm(tips[0] - place) > _REACHED:
+            return
+        efforts.append(chain.efforts)
+        columns.append(R_OU @ jacobians[0])
+    J_OT = np.stack(np.split(block_diag(*columns), len(columns)))
+    settings = config.make_settings(hand.description.fingertips)
+    weight = GRAVITY * mass
+
+    def lack(share: float) -> GiveUp:
+        """Returns what is missing to balance a share of the weight."""
+        squeeze = plan_squeeze(
+            p_OC - p_OCoM,
+            nhat,
+            np.append(-share * weight * R_OW[:, 2], np.zeros(3)),
+            friction=config.planned_friction,
+            least_normal=min(settings.least_force, 2 * settings.touch_force),
+            largest_normal=np.broadcast_to(settings.largest_force, fingers.shape)[fingers],
+            patch_radii=hand.description.patch_radii[fingers],
+            jacobians=J_OT,
+            efforts=np.concatenate(efforts),
+        )
+        return squeeze.lack if squeeze.residual > settings.imbalance else GiveUp.NONE
+
+    if lack(1.0) != GiveUp.NEEDS_TORQUE:
+        return
+    held = 0.0
+    for power in range(1, _HALVINGS):
+        held += 0.5**power * (lack(held + 0.5**power) == GiveUp.NONE)
+    raise InvalidArgumentError(
+        f"{mass:g} kg weigh {weight:.3g} N; at the start contacts, the torques of the hand's joints"
+        f" hold {held * weight:.3g} N"
+    )
+
+
+def turned_by(yaw: float) -> FloatArray:
+    """Returns the rotation matrix of a yaw in radians, shape (3, 3)."""
+    R: FloatArray = RotationMatrix.MakeZRotation(yaw).matrix()
+    return R
