@@ -11,7 +11,8 @@ from typing import Any, NoReturn
 
 from drake_pregrasp.cli import grasp_commands, hand_command, run_command, study_commands
 from drake_pregrasp.errors import OutputError, PregraspError, printable
-from drake_pregrasp.simulation.output import INTERRUPTED_STATUS
+from drake_pregrasp.geometry.mesh_repair import repair_mesh
+from drake_pregrasp.simulation.output import INTERRUPTED_STATUS, write_named_text
 from drake_pregrasp.simulation.scenario_file import shipped_scenarios
 from drake_pregrasp.simulation.smooth_file import load_estimator, smooth_file
 from drake_pregrasp.version import __version__
@@ -121,6 +122,12 @@ def _parser() -> argparse.ArgumentParser:
     grasp_commands.add_commands(commands)
     study_commands.add_commands(commands)
 
+    meshes = commands.add_parser("mesh", help="repair a mesh that is refused (extra meshes)")
+    meshes.set_defaults(command=_repair)
+    meshes.add_argument("task", choices=["repair"], help="what to do")
+    meshes.add_argument("file", metavar="FILE", help="OBJ, STL, PLY, OFF or glTF file")
+    meshes.add_argument("-o", "--out", metavar="OUT.obj", help="default: FILE_repaired.obj")
+
     smoother = commands.add_parser("smooth", help="smooth recorded poses and add velocities")
     smoother.set_defaults(command=_smooth)
     smoother.add_argument(
@@ -141,6 +148,23 @@ def _list(options: argparse.Namespace) -> int:
     width = max(len(name) for name in shipped)
     for name, (_, description) in shipped.items():
         print(f"{name:{width}}  {description}".rstrip())
+    return 0
+
+
+def _repair(options: argparse.Namespace) -> int:
+    source = Path(options.file)
+    target = Path(options.out or source.with_name(f"{source.stem}_repaired.obj"))
+    if target.suffix.lower() != ".obj":
+        raise OutputError(f"{target}: must end with .obj")
+    repair = repair_mesh(source)
+    text = repair.mesh.export(file_type="obj", digits=9, include_normals=False)
+    write_named_text(target, str(text))
+    if repair.left_out:
+        print(f"left out    {repair.left_out} surfaces that could not be closed")
+    print(f"area        {repair.old_area:.4g}, now {repair.area:.4g}")
+    print(f"volume      {repair.volume:.4g}, in units of the file")
+    print(f"distance    to the old surface: at most {repair.distance:.3g}")
+    print(f"mesh in {target}")
     return 0
 
 

@@ -56,8 +56,7 @@ def orient_components(mesh: trimesh.Trimesh, what: str) -> None:
         is_within = np.all(inside) and np.all(is_near)
         if np.any(inside) and not is_within:
             raise InvalidArgumentError(
-                f"{what} has closed surfaces that cross; unite them into one, for example with"
-                " trimesh.boolean.union"
+                f"{what} has closed surfaces that cross; `drake-pregrasp mesh repair` unites them"
             )
         depths[inner] += bool(is_within)
     volumes = np.bincount(labels, weights=np.linalg.det(triangles), minlength=count)

@@ -167,7 +167,7 @@ def load_shape(path: Path, *, scale: float = 1.0) -> Shape:
     _check_size(mesh.vertices, str(path))
     # Pieces of a closed surface share their seams only after equal vertices are merged.
     mesh.merge_vertices()
-    return Shape(_checked(mesh, str(path)), part_names, face_parts)
+    return Shape(checked_mesh(mesh, str(path)), part_names, face_parts)
 
 
 def scaled_whole(pieces: Sequence[Piece], scale: float, what: str) -> trimesh.Trimesh:
@@ -199,7 +199,7 @@ def mesh_shape(mesh: trimesh.Trimesh, what: str) -> Shape:
     Raises:
         InvalidArgumentError: If the mesh does not enclose a volume, or its size is not allowed.
     """
-    return _one_part(_checked(mesh, what))
+    return _one_part(checked_mesh(mesh, what))
 
 
 def _one_part(mesh: trimesh.Trimesh, simple: Solid | None = None) -> Shape:
@@ -228,15 +228,15 @@ def _check_size(vertices: FloatArray, what: str) -> float:
     return longest
 
 
-def _checked(mesh: trimesh.Trimesh, what: str) -> trimesh.Trimesh:
+def checked_mesh(mesh: trimesh.Trimesh, what: str) -> trimesh.Trimesh:
     """Checks that a mesh encloses a volume, and returns it with outward normals."""
     longest = _check_size(mesh.vertices, what)
     if not mesh.is_watertight:
         _, counts = np.unique(mesh.edges_sorted, axis=0, return_counts=True)
         raise InvalidArgumentError(
             f"{what} is not watertight: {np.sum(counts == 1)} edges have a face on one side only,"
-            f" {np.sum(counts > 2)} have more than two; close its holes and separate touching"
-            " parts, for example with Blender's 3D-print tools"
+            f" {np.sum(counts > 2)} have more than two; `drake-pregrasp mesh repair` closes holes"
+            " and unites parts"
         )
     if not mesh.is_winding_consistent:
         mesh.faces = _with_one_winding(mesh)

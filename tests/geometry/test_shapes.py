@@ -148,12 +148,12 @@ def touching():
         (
             edited(faces=slice(1, None)),
             "open.ply",
-            "not watertight: 3 edges .* one side only, 0 have more.* close its holes",
+            "not watertight: 3 edges .* one side only, 0 have more.* repair` closes holes",
         ),
         (
             touching(),
             "two.ply",
-            "not watertight: 0 edges .*, 1 have more than two; .* separate touching parts",
+            "not watertight: 0 edges .*, 1 have more than two; .*unites parts",
         ),
         (flat(), "flat.ply", "encloses no volume"),
         (edited(scale=1000.0), "long.ply", "60 m long; at most 3 m, .* scale: 0.001"),
