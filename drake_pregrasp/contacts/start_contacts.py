@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.spatial.distance import pdist
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.contacts.assignment import palm_turn
@@ -17,6 +18,7 @@ from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.force_closure import (
     largest_load,
     min_weight_margin,
+    needed_friction,
     torsional_friction_of,
 )
 from drake_pregrasp.quality.margin_bounds import moved_least_norm_margin
@@ -31,18 +33,15 @@ _TURNS = 4  # Largest number of times that the yaw follows the contacts, and the
 _COMFORT = 0.2  # Cost of fingertips that are the hand's radius away from their homes.
 _FLAT = 2.0  # Cost of contacts with a mean slope of 1 around them.
 _FINGER = 0.25  # Gain of one more finger, which shares the load.
-_LOAD = 0.5  # Gain of strength for the object's weight once more, up to `_STRONG` times.
+_LOAD, _STRONG = 0.5, 2.0  # Gain of strength for the object's weight once more, up to so often.
 _TURN = 0.05  # Cost of a palm that turns by a radian.
-_EDGE = 0.1  # Cost of a contact out of reach after a turn by `_RESERVE`, for each direction.
-_RESERVE = 0.1  # In radians.
+_EDGE, _RESERVE = 0.1, 0.1  # Cost of a contact out of reach after a turn by this, in radians.
 _COVER = 0.1  # Cost of a contact with a part of the object over its fingertip's centre.
 _OVER = 0.01 * np.arange(1, 11)  # Heights over contacts at which such parts are found, in metres.
-_STRONG = 2.0
 _NEIGHBOURS = 8  # Number of places near each contact that may hold more of the weight.
 _ENOUGH = 1.1  # Strength for the object's weight at which fingers that hold too little stop.
 _AWAY = -1  # Candidate of a finger that stays away.
-_DIGITS = 6  # Decimals of compared values: rounding must not choose between equal ones.
-_TIE = 10.0**-_DIGITS
+_DIGITS, _TIE = 6, 1e-6  # Decimals of compared values: rounding must not choose between equal ones.
 
 
 def choose_start_contacts(
@@ -378,16 +377,24 @@ class _Search:
 
         reached, one_sided = lacks([~np.isin(at, (Limit.FORBIDDEN, Limit.REACH)) for at in limits])
         if reached < least:
-            detail = f"at most {reached} fingers reach it at any yaw of the palm"
-            return NoGraspError(Lack.REACH, f"{detail}, {least} are needed")
+            detail = f"at most {reached} fingers reach it at any yaw; {least} are needed"
+            return NoGraspError(Lack.REACH, detail)
         if one_sided and np.any(opposite):
-            detail = "at no yaw of the palm do fingers reach two opposite sides of it"
-            return NoGraspError(Lack.OPENING, detail)
-        assigned_fingers = max(len(self.settled(yaw).fingers) for yaw in self.yaws())
+            apart = 1e3 * np.max(pdist(self._across(self._hand.p_OT_at(self._hand.yaw))))
+            from_planes = self._p @ self._normals.T - np.sum(self._p * self._normals, axis=1)
+            width = 1e3 * np.min(np.abs(from_planes[opposite > 0]))
+            detail = (
+                f"at no yaw do fingers reach two opposite sides, which are {width:.3g} mm apart"
+            )
+            return NoGraspError(Lack.OPENING, f"{detail}; tips at home are {apart:.3g} mm apart")
+        trials = list(map(self.settled, self.yaws()))
+        most = max(len(trial.fingers) for trial in trials)
         _, one_sided = lacks([at == Limit.NONE for at in limits])
-        if assigned_fingers < least or (one_sided and np.any(opposite)):
-            where = " on two opposite sides" if assigned_fingers >= least else ""
-            detail = f"at most {assigned_fingers} fingertips have room beside each other, table and"
-            return NoGraspError(Lack.ROOM, f"{detail} object{where}; {least} are needed")
+        if most < least or (one_sided and np.any(opposite)):
+            where = " on two opposite sides" if most >= least else ""
+            detail = f"at most {most} fingertips have room beside each other, table and object"
+            return NoGraspError(Lack.ROOM, f"{detail}{where}; {least} are needed")
+        cones = [self._cones(t.candidates) for t in trials if len(t.fingers) >= least]
+        needed = needed_friction([(p, n, model) for (p, n, _), model in cones], friction)
         detail = f"no contacts in reach have force closure with friction {friction:g}"
-        return NoGraspError(Lack.FRICTION, detail)
+        return NoGraspError(Lack.FRICTION, f"{detail}; they need {needed:.2g}")

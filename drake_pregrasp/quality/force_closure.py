@@ -5,7 +5,8 @@ with g_i in the second-order cone, g_0 >= |(g_1, g_2, ...)|: its normal force is
 components are tangential forces and a moment over the largest ones per newton.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import clarabel
 import numpy as np
@@ -59,6 +60,7 @@ _ACCURACY = 1e-10  # Of the solver: absolute and relative gap, and infeasibility
 _SOLVED = ("Solved", "AlmostSolved")
 _EDGES = np.array([[1.0, 0], [-1, 0], [0, 1], [0, -1], [1, 1], [1, -1], [-1, 1], [-1, -1]])
 _DESCENTS = 50  # Largest number of steps of a descent to a facet's minimum.
+_ROUGHEST, _FRICTION_STEP = 2.0, 0.05  # Largest friction to try, and the step.
 
 
 LargestMinimum = Callable[[FloatArray], float]
@@ -99,6 +101,24 @@ def min_weight_margin(
     # With torques in this unit, tolerances have the same meaning for objects of any size.
     B[:, 3:] /= longest_arm(p_CoMC)
     return (solve or largest_minimum)(B)
+
+
+def needed_friction(
+    grasps: Sequence[tuple[FloatArray, FloatArray, dict[str, Any]]], least: float
+) -> float:
+    """Returns the least friction with which one of some grasps has force closure, within 0.05.
+
+    Args:
+        grasps: Lever arms, normals and further arguments of each grasp, for `min_weight_margin`.
+        least: Smallest coefficient of friction to try.
+
+    Returns:
+        The coefficient; infinite if none up to 2 suffices.
+    """
+    for friction in np.arange(least, _ROUGHEST, _FRICTION_STEP).tolist():
+        if any(min_weight_margin(p, n, friction, **model) > 0 for p, n, model in grasps):
+            return float(friction)
+    return np.inf
 
 
 def largest_minimum(B: FloatArray) -> float:

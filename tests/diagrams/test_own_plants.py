@@ -74,9 +74,7 @@ def final_phase(name, add_robot, kind, height=0.0):
     low = float(np.min(shape.mesh.vertices[:, 2]))
     X_WO = RigidTransform([0.0, 0.0, height - low])
     plant.SetDefaultFloatingBaseBodyPose(body, X_WO)
-    surface = dp.mesh_surface(
-        shape.mesh, spacing=0.006, tip=dp.GraspConfig().tip_size(hand.fingertips)
-    )
+    surface = dp.mesh_surface(shape, spacing=0.006, tip=dp.GraspConfig().tip_size(hand.fingertips))
     controller, planner = dp.AddHandController(
         builder,
         hand,
