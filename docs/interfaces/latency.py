@@ -111,6 +111,8 @@ run_lcm_loop(simulator, lcm, period=PERIOD, duration=SECONDS + WARM_UP)
 camera.join()
 waits = 1000 * np.array(results.get())
 answered = waits[np.isfinite(waits)]
+if not len(answered):
+    raise SystemExit("no pose was answered before the next one: this machine is too slow or busy")
 p50, p99 = np.percentile(answered, [50, 99], method="higher")
 print(f"{len(answered)} of {len(waits)} poses answered before the next one")
 print(f"these after {p50:.1f} ms (median) and {p99:.1f} ms (99th percentile)")

@@ -76,7 +76,7 @@ _DESCRIPTIONS = {
     ContactStatus.CROWDED_OUT: "crowded out by contact {}",
     ContactStatus.CROWDED: "crowded by contact {}",
     ContactStatus.OUT_OF_REACH: "out of reach",
-    ContactStatus.HARDLY_IN_REACH: "hardly in reach",
+    ContactStatus.HARDLY_IN_REACH: "active, hardly in reach",
     ContactStatus.OBSTRUCTED: "obstructed by {obstacle}",
     ContactStatus.NEARLY_OBSTRUCTED: "nearly obstructed by {obstacle}",
     ContactStatus.BEHIND_WALL: "behind a wall",

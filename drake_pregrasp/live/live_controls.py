@@ -130,6 +130,7 @@ class LiveControls:
         run: The live run.
         meshcat: Its viewer.
         out: Folder for saved recordings.
+        tell: Function that is called with the place of each of them, in words.
 
     Attributes:
         is_paused: Whether the run is paused.
@@ -137,13 +138,22 @@ class LiveControls:
         refused: Number of messages of pages that were malformed, too many, or of strangers.
     """
 
-    def __init__(self, run: LiveRun, meshcat: Meshcat, *, out: Path) -> None:
-        self._run, self._meshcat, self._out = run, meshcat, out
+    def __init__(
+        self,
+        run: LiveRun,
+        meshcat: Meshcat,
+        *,
+        out: Path,
+        tell: Callable[[str], object] = print,
+    ) -> None:
+        self._run, self._meshcat, self._out, self._tell = run, meshcat, out, tell
         self.is_paused, self.is_stopped, self.refused = False, False, 0
         self._lock = threading.Lock()  # Each page has a thread, which counts what is refused.
         scenario = run.scenario
         self._sliders = {slider.name: slider for slider in make_sliders(scenario)}
         self._buttons: dict[str, Callable[[], object]] = {
+            "stop": self._stop,  # First, so that no panel of Meshcat moves it off the page.
+            "save the recording": self._save,
             "pause / resume": self._switch_pause,
             "step": self._step,
             "reset": self._reset,
@@ -157,7 +167,6 @@ class LiveControls:
             self._buttons["object: nudge"] = run.nudge
         if scenario.has_hand:
             self._buttons["hand: close"] = run.close
-        self._buttons |= {"save the recording": self._save, "stop": self._stop}
         self._add()
 
     def serve(self, should_stop: Callable[[], bool] = lambda: False) -> None:
@@ -177,7 +186,7 @@ class LiveControls:
 
         So a flood of messages cannot hold up the run, and `stop` is the first.
         """
-        for name, action in reversed(self._buttons.items()):
+        for name, action in self._buttons.items():
             if (clicks := self._meshcat.GetButtonClicks(name)) > self._clicks[name]:
                 self.refuse(clicks - self._clicks[name] - 1)
                 self._clicks[name] = clicks
@@ -232,6 +241,7 @@ class LiveControls:
         self._meshcat.DeleteAddedControls()  # The recording has no use for them.
         try:
             told = f"saved in {self._run.save(self._out)}"
+            self._tell(told)
         except OutputError as error:
             told = str(error)
         self._add()

@@ -168,6 +168,8 @@ class LiveRun:
         else:
             damage.append(DamageEvent(at=self.time, contacts=[contact]))
         self.change(lambda scenario: setattr(scenario, "damage", damage))
+        if self.timeline.has_closed:
+            self.timeline.tell(f"a hand that has closed keeps finger {contact} where it is")
 
     def switch_sight(self) -> None:
         """Hides the object from the sensor, or shows it again."""

@@ -225,4 +225,12 @@ def make_timeline(
     view = {} if camera is None else camera._asdict()
     follows = {name: vector.tolist() for name, vector in view.items()}
     n = resolved.num_contacts
-    return RunTimeline(title, n, static_end=end, obstacle_names=names, camera=follows)
+    hand = resolved.hand
+    return RunTimeline(
+        title,
+        n,
+        fingertips=[tip.frame for tip in hand.description.fingertips] if hand else [],
+        static_end=end,
+        obstacle_names=names,
+        camera=follows,
+    )

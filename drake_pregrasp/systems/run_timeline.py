@@ -1,7 +1,7 @@
 """Timeline of a run in words: states over time and captions of events, for pages with a scene."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +43,7 @@ class RunTimeline:
     Args:
         title: Title of the run.
         num_contacts: Number of contacts n.
+        fingertips: Name of the fingertip of each contact; empty without a hand.
         static_end: End of the phase in which initial contacts are held, in seconds; 0 for none.
         obstacle_names: Names of obstacles by their indices; other obstacles have none.
         camera: How the page's camera follows the object, as the fields of `CameraView`; empty for a
@@ -51,6 +52,7 @@ class RunTimeline:
     Attributes:
         states: Present texts by the names of their rows: `0` to `n - 1` for contacts, `object`,
             `hand`, and the names of measures.
+        has_closed: Whether a hand closes on the object, or holds it, at present.
     """
 
     def __init__(
@@ -58,15 +60,19 @@ class RunTimeline:
         title: str,
         num_contacts: int,
         *,
+        fingertips: Sequence[str] = (),
         static_end: float = 0.0,
         obstacle_names: Mapping[int, str] | None = None,
         camera: Mapping[str, list[float]] | None = None,
     ) -> None:
         self._title, self._obstacle_names = title, dict(obstacle_names or {})
         self._camera = dict(camera or {})
+        frames = [f" ({frame})" for frame in fingertips] or num_contacts * [""]
+        self._names = [f"finger {i}{frame}" for i, frame in enumerate(frames)]
         self._colors = [hex_color(contact_color(i)) for i in range(num_contacts)]
         self._static_end, self._time, self._was_tracked = static_end, 0.0, False
         self._kinds: list[float] = [ContactStatus.INACTIVE] * num_contacts
+        self.has_closed = False
         self.states: dict[str, str] = {}
         self._changes: list[tuple[float, str, str]] = []
         self._events: list[tuple[float, str]] = []
@@ -93,12 +99,14 @@ class RunTimeline:
             self._set(str(contact), words)
             if was_active != is_active and time > 0:
                 news = "has a goal again" if is_active else words
-                self.tell(f"finger {contact} {news}" if kind != 0 else f"finger {contact}: {news}")
+                name = self._names[contact]
+                self.tell(f"{name} {news}" if kind != 0 else f"{name}: {news}")
 
     def add_grasp(self, record: GraspRecord) -> None:
         """Adds a control tick of a hand."""
         phase, _, reason, detail = record.report
         words = _PHASES[GraspPhase(int(phase))]
+        self.has_closed = GraspPhase.CLOSE <= phase <= GraspPhase.HOLD
         if why := describe_give_up(int(reason), detail):
             words += f", because {why}"
         self._time = max(self._time, record.time)
@@ -127,7 +135,7 @@ class RunTimeline:
         return self._page() | {"changes": changes, "events": self._events[-8:]}
 
     def _page(self) -> dict[str, Any]:
-        texts = {"title": self._title, "colors": self._colors}
+        texts = {"title": self._title, "names": self._names, "colors": self._colors}
         return texts | {"time": self._time, "camera": self._camera}
 
     def added_to(self, page: str) -> str:

@@ -105,6 +105,28 @@ def test_each_recording_is_saved_in_a_folder_of_its_own(tmp_path):
     assert not (tmp_path / "elsewhere").exists()
 
 
+@pytest.mark.slow
+def test_the_place_of_a_recording_is_told_to_the_terminal(tmp_path):
+    meshcat, told = start_meshcat(live=True), []
+    run = LiveRun(load_resolved("a_base"), name="a_base", meshcat=meshcat)
+    controls = LiveControls(run, meshcat, out=tmp_path, tell=told.append)
+    run.advance()
+    controls._save()
+    assert told == [f"saved in {tmp_path / 'a_base-live-1' / 'recording.html'}"]
+
+
+@pytest.mark.slow
+def test_a_hand_that_has_closed_says_that_it_keeps_its_fingers():
+    scenario = load_resolved("grasp_five_finger", text="{planner: {static_duration: 0.1}}")
+    run = LiveRun(scenario, name="grasp", meshcat=start_meshcat(live=True))
+    run.advance()
+    for has_closed in (False, True):
+        run.timeline.has_closed = has_closed
+        run.switch_finger(0)
+        texts = [text for _, text in run.timeline.data()["events"]]
+        assert any("keeps finger 0" in text for text in texts) == has_closed
+
+
 def test_a_run_goes_on_after_a_refused_change():
     scenario = load_scenario("fault_low_rate")
     run = LiveRun(resolve(scenario), name="low", meshcat=start_meshcat(live=True))

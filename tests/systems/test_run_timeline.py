@@ -39,6 +39,15 @@ def test_a_contact_that_ends_or_returns_is_told_once(status, told):
     assert events == ([(0.1, told), (0.3, "finger 1 has a goal again")] if told else [])
 
 
+def test_fingers_of_a_hand_have_the_names_of_their_fingertips():
+    timeline = RunTimeline("title", 2, fingertips=["index", "thumb"])
+    timeline.add_tick(tick(0.0))
+    timeline.add_tick(tick(0.1, (ContactStatus.HARDLY_IN_REACH, ContactStatus.LOST)))
+    assert timeline.data()["names"] == ["finger 0 (index)", "finger 1 (thumb)"]
+    assert timeline.data()["events"] == [(0.1, "finger 1 (thumb) out of use")]
+    assert timeline.states["0"].startswith("active")  # As which the page shows it.
+
+
 def test_the_end_of_the_static_phase_and_a_lost_object_are_told():
     lost = [tick(0.3, tracking=TrackingStatus.COASTING), tick(0.4, tracking=TrackingStatus.LOST)]
     events = events_of(tick(0.0), tick(0.1), tick(0.2), *lost, tick(0.5), static_end=0.2)

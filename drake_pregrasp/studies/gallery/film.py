@@ -193,7 +193,7 @@ def _with_timeline(image: ByteArray, timeline: RunTimeline) -> Image.Image:
     rows = [(f"{now['title'].partition(':')[0]}   {now['time']:.2f} s", None), ("", None)]
     for _, row, text in now["changes"]:
         color = now["colors"][int(row)] if row.isdigit() else None
-        rows.append((f"finger {row}   {text}" if color else f"{row}   {text}", color))
+        rows.append((f"{now['names'][int(row)]}   {text}" if color else f"{row}   {text}", color))
     events = [text for time, text in now["events"] if now["time"] - time < 2 * _AFTER]
     rows += [("", None), *((text, None) for text in events[-3:])]
     for index, (text, color) in enumerate(rows):
