@@ -11,15 +11,21 @@ from drake_pregrasp.config.grasp_config import ABOVE, SIDE, GraspConfig
 from drake_pregrasp.contacts.hand_over_object import StartContacts
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.geometry.solids import HalfSpace, Solid
 from drake_pregrasp.grasping.clearances import LINK_CLEARANCE
 from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 
+_LEVEL = 1 - 1e-9  # Least z of the normal of a level plane.
 _YAWS = np.linspace(-np.pi, np.pi, 73)
 _SIDES = np.pi / 2 * np.arange(4)  # Azimuths from which palms come from the side, in radians.
 
 
 def candidate_approaches(
-    config: GraspConfig, hand: HandModel, X_WO: RigidTransform, p_OCoM: FloatArray
+    config: GraspConfig,
+    hand: HandModel,
+    X_WO: RigidTransform,
+    p_OCoM: FloatArray,
+    table: float = 0.0,
 ) -> list[RigidTransform]:
     """Returns the approaches X_LA to choose from (see `HandModel`).
 
@@ -30,14 +36,21 @@ def candidate_approaches(
         hand: Model of the hand, from above.
         X_WO: Initial pose of the object.
         p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
+        table: Height of the table in W, in metres.
     """
-    z_CoM = (X_WO @ p_OCoM)[2]
+    z_CoM = (X_WO @ p_OCoM)[2] - table
     height = config.side_height or max(z_CoM, least_side_height(hand))
     p_LA = [0.0, 0.0, height - z_CoM]
     yaw, level = RollPitchYaw(X_WO.rotation()).yaw_angle(), RotationMatrix.MakeYRotation(np.pi / 2)
     turns = [RotationMatrix.MakeZRotation(yaw + turn) for turn in _SIDES]
     found = {ABOVE: [FROM_ABOVE], SIDE: [RigidTransform(turn @ level, p_LA) for turn in turns]}
     return [X_LA for kind in config.approaches for X_LA in found[kind]]
+
+
+def table_height(fixed: Sequence[Solid]) -> float:
+    """Returns the height in W of the highest level half-space, such as a table, or 0, in metres."""
+    planes = [solid for solid in fixed if isinstance(solid, HalfSpace)]
+    return max((float(p.point[2]) for p in planes if p.normal[2] > _LEVEL), default=0.0)
 
 
 def least_side_height(hand: HandModel) -> float:

@@ -114,14 +114,24 @@ def palm_problem(
     config: GraspConfig,
     path: Sequence[RigidTransform],
     p_OCoM: FloatArray,
+    table: float,
     yaw: float,
 ) -> str:
-    """Returns why a hand cannot hold its palm at a yaw along a path; empty if it can."""
+    """Returns why a hand cannot hold its palm at a yaw along a path; empty if it can.
+
+    Args:
+        hand: Model of the hand.
+        config: Configuration of the grasp.
+        path: Poses of the object.
+        p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
+        table: Height of the table in W, in metres.
+        yaw: Yaw of the palm over the first pose, in radians.
+    """
     try:
         check_palm(hand, config, path, p_OCoM, yaw)
     except InvalidArgumentError as error:
         return str(error)
-    height = float((path[0] @ p_OCoM + hand.X_LA.translation())[2])
+    height = float((path[0] @ p_OCoM + hand.X_LA.translation())[2]) - table
     needed = hand.side_depth(yaw) + LINK_CLEARANCE
     if hand.X_LA.rotation().IsExactlyIdentity() or needed <= height:
         return ""

@@ -16,7 +16,12 @@ from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.hand_description import Arm, HandDescription
 from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.diagrams import start_grasp
-from drake_pregrasp.diagrams.approaches import Approach, best_approach, candidate_approaches
+from drake_pregrasp.diagrams.approaches import (
+    Approach,
+    best_approach,
+    candidate_approaches,
+    table_height,
+)
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_instances import (
     HandInstances,
@@ -314,7 +319,8 @@ def choose_approach(
     config, solid = config or GraspConfig(), object_solid or MeshSolid.of(surface.mesh)
     R_WO, hands = X_WO.rotation().matrix(), []
     upright = HandModel(hand, config.yaw_range)
-    for X_LA in candidate_approaches(config, upright, X_WO, surface.p_OCoM):
+    table = table_height(fixed)
+    for X_LA in candidate_approaches(config, upright, X_WO, surface.p_OCoM, table):
         up = R_WO.T @ X_LA.rotation().matrix()[:, 2]
         top = float(np.max((surface.mesh.vertices - surface.p_OCoM) @ up))
         if X_WB is None or isinstance(hand.base, Arm) or _is_turned_so(X_WB, X_LA):

@@ -15,6 +15,7 @@ from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.contacts.assignment import assign_fingers_round, make_room, palm_turn
 from drake_pregrasp.contacts.hand_over_object import HandOverObject, StartContacts
 from drake_pregrasp.contacts.start_contacts import choose_start_contacts
+from drake_pregrasp.diagrams.approaches import table_height
 from drake_pregrasp.diagrams.feasibility import palm_problem, turned_by
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import InvalidArgumentError, Lack, NoGraspError
@@ -110,9 +111,10 @@ def start_contacts_of(
 
     measures = hand.finger_measures(surface) if np.any(limits.least_measures()) else None
     yaw_range = hand.yaw_range(config.yaw_range)
+    problem_at = partial(palm_problem, hand, config, poses, p_OCoM, table_height(fixed))
 
     return _contacts_or_reason(
-        partial(palm_problem, hand, config, poses, p_OCoM),
+        problem_at,
         surface,
         solid,
         HandOverObject(
@@ -131,7 +133,7 @@ def start_contacts_of(
             patch_radii=hand.description.patch_radii,
             pairs=tuple(limits.pairs),
             opening=hand.opening - 2 * config.standoff,
-            holds_palm=lambda yaw: not palm_problem(hand, config, poses, p_OCoM, yaw),
+            holds_palm=lambda yaw: not problem_at(yaw),
             in_workspace=lambda yaw, p_OT: hand.in_workspace((p_OT - p_OA) @ R_OA @ turned_by(yaw)),
             clearance_weight=float(
                 hand.X_LA.IsExactlyIdentity()
@@ -191,8 +193,8 @@ def _given_contacts(
     hand.check_contacts(p_OC, surface.project(p_OC)[1])
     yaw = palm_turn(p_AC, hand.azimuths, 0.0, yaw_range)
     # From above, an arm is checked along the path, by a message that tells the time.
-    problem = "" if X_LA.IsExactlyIdentity() else palm_problem(hand, config, poses, p_OCoM, yaw)
-    if problem:
+    problem_at = partial(palm_problem, hand, config, poses, p_OCoM, table_height(fixed))
+    if not X_LA.IsExactlyIdentity() and (problem := problem_at(yaw)):
         raise InvalidArgumentError(f"{problem}, with a palm from the side at these contacts")
     constraints = _start_constraints(hand, limits, X_WO, fixed, yaw_range, p_OCoM)(yaw)
     R_OA = R_WO.T @ X_LA.rotation().matrix()

@@ -10,6 +10,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 import drake_pregrasp as dp
 from drake_pregrasp.config.hand_description import Carrier, HandDescription, Mount
+from drake_pregrasp.geometry.solids import HalfSpace
 from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 
 SIZE = [0.1, 0.1, 0.1]
@@ -109,6 +110,21 @@ def test_a_carrier_that_stands_so_comes_from_the_side_with_chosen_and_with_given
         dp.InvalidArgumentError, match="the carrier in the plant is turned for none"
     ):
         add(given, **own)
+
+
+@pytest.mark.slow
+def test_a_palm_from_the_side_clears_a_table_at_any_height():
+    config, found = dp.GraspConfig(approaches=["side"]), []
+    for height in (0.0, 0.7):
+        p_WT = np.array([0.0, 0.0, height])
+        pose = RigidTransform([0.0, 0.0, height + 0.1])
+        place = {"X_WO": pose, "fixed": [HalfSpace(p_WT, np.array([0.0, 0.0, 1.0]))]}
+        found.append(
+            dp.choose_approach(HAND.description, TALL, PLANNING, mass=0.3, config=config, **place)
+        )
+    poses = [hand.X_LA.GetAsMatrix4() for hand, _ in found]
+    np.testing.assert_allclose(poses[1], poses[0], atol=1e-9)
+    np.testing.assert_allclose(found[1].start.p_OC, found[0].start.p_OC, atol=1e-9)
 
 
 # Fingers from above reach 0.15 m below the top.

@@ -22,7 +22,7 @@ STANDS = RigidTransform()
 HANGS = RigidTransform(RollPitchYaw(np.pi, 0.0, 0.0), [0.0, 0.0, 0.85])
 SHAPES = {
     "box": (lambda: dp.Box(size=[0.06, 0.07, 0.065]).make_shape(), 0.25),
-    "cylinder": (lambda: dp.Cylinder(radius=0.028, length=0.09).make_shape(), 0.2),
+    "cylinder": (lambda: dp.Cylinder(radius=0.025, length=0.08).make_shape(), 0.15),
     "mug": (lambda: dp.load_shape(resource_folder("models") / "mug.obj"), 0.25),
     "bottle": (lambda: dp.load_shape(resource_folder("models") / "bottle.obj"), 0.25),
 }
@@ -113,12 +113,11 @@ def final_phase(name, add_robot, kind, height=0.0):
             "cylinder",
             0.7,
         ),
-        ("allegro_panda", described(STANDS), "mug", 0.0),
         ("allegro_ur5", described(RigidTransform(RollPitchYaw(0, 0, 1.0), [0, 0, 0])), "box", 0.0),
-        ("allegro_xarm7", described(RigidTransform([0.0, 0.1, 0.3])), "bottle", 0.3),
-        ("five_finger_panda", described(STANDS), "cylinder", 0.0),
+        ("allegro_xarm7", described(RigidTransform([0.0, 0.1, 0.3])), "box", 0.3),
+        ("five_finger_panda", described(RigidTransform([0.1, 0.1, 0.0])), "bottle", 0.0),
+        ("five_finger_panda", described(STANDS), "mug", 0.0),
         ("five_finger_hand", described(RigidTransform([0.2, -0.3, 0.4])), "mug", 0.4),
-        ("shadow_panda", described(STANDS), "cylinder", 0.0),
     ],
 )
 def test_arms_and_hands_hold_objects_wherever_they_stand(hand, add_robot, kind, height):
