@@ -37,6 +37,8 @@ ELSEWHERE = {
     "foxglove.PointCloud",
     "foxglove.PoseInFrame",
     "foxglove.SceneUpdate",
+    "grasp_q",
+    "grasp_qpos",
     "hardware_sim",
     "lcm_buses",
     "lcmt_allegro_status",
@@ -45,12 +47,22 @@ ELSEWHERE = {
     "live.py",
     "model_drivers",
     "my_goals.py",
+    "obj_path",
+    "obj_pose",
+    "obj_scale",
+    "pregrasp_X_WO",
+    "pregrasp_X_WP",
+    "pregrasp_q",
+    "pregrasp_qpos",
+    "pregrasp_time",
     "q_msv_max",
     "q_msv_mean",
     "q_msv_min",
+    "squeeze_q",
+    "squeeze_qpos",
 }
-"""Names of other programs, of files that a page tells the reader to write, and of columns."""
-DATA = r"(csv|dot|html|json|jsonl|mcap|md|obj|png|svg|urdf|xml|yaml)"
+"""Names of other programs, of files that a page tells the reader to write, and of columns and arrays."""
+DATA = r"(csv|dot|html|json|jsonl|mcap|md|npz|obj|png|svg|urdf|xml|yaml)"
 COMMANDS = (DOCS / "reference" / "commands.md").read_text(encoding="utf-8")
 
 
