@@ -299,7 +299,7 @@ class GraspState:
         has_let_go = self.phase == GraspPhase.BACK_OFF and np.isinf(self.gripped)
         if self.phase not in (GraspPhase.CLOSE, GraspPhase.SQUEEZE) and not has_let_go:
             return np.full(len(self.active), NO_LIMIT)
-        planned = self.applied_share(share, touch_force) * norms(self.forces)
+        planned = share * norms(self.forces)
         return np.where(self.active, planned + _GENTLE * touch_force, NO_LIMIT)
 
     def applied_share(self, share: float, touch_force: float) -> float:
