@@ -61,7 +61,7 @@ ELSEWHERE = {
     "squeeze_q",
     "squeeze_qpos",
 }
-"""Names of other programs, of files that a page tells the reader to write, and of columns and arrays."""
+"""Names of other programs, of files that a page tells the reader to write, columns and arrays."""
 DATA = r"(csv|dot|html|json|jsonl|mcap|md|npz|obj|png|svg|urdf|xml|yaml)"
 COMMANDS = (DOCS / "reference" / "commands.md").read_text(encoding="utf-8")
 

@@ -51,7 +51,9 @@ class LinkContacts(LeafSystem):
         results: AbstractValue | None = None,
     ) -> None:
         super().__init__()
-        self._links, self._object, self._period = links, frozenset(touched), period
+        self._links = {geometry.get_value(): link for geometry, link in links.items()}
+        self._object = frozenset(geometry.get_value() for geometry in touched)
+        self._period = period
         self._results = self.DeclareAbstractInputPort(
             "contact_results", results or AbstractValue.Make(ContactResults())
         )
@@ -78,16 +80,17 @@ class LinkContacts(LeafSystem):
 
 def _contacts(
     results: ContactResults | list[PairForce],
-) -> Iterator[tuple[GeometryId, GeometryId, Callable[[], FloatArray]]]:
-    """Yields the geometries of each contact, and a function that returns its force in W."""
+) -> Iterator[tuple[int, int, Callable[[], FloatArray]]]:
+    """Yields the identifiers of each contact's geometries, and a function with its force in W."""
     if isinstance(results, list):
         yield from ((one, other, lambda f=force: f) for one, other, force in results)
         return
     for index in range(results.num_point_pair_contacts()):
         point = results.point_pair_contact_info(index)
         pair = point.point_pair()
-        yield pair.id_A, pair.id_B, point.contact_force
+        yield pair.id_A.get_value(), pair.id_B.get_value(), point.contact_force
     for index in range(results.num_hydroelastic_contacts()):
         patch = results.hydroelastic_contact_info(index)
         surface = patch.contact_surface()
-        yield surface.id_M(), surface.id_N(), patch.F_Ac_W().translational
+        force = patch.F_Ac_W().translational
+        yield surface.id_M().get_value(), surface.id_N().get_value(), force

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.geometry import GeometryId, SceneGraphInspector
+from pydrake.geometry import SceneGraphInspector
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, QuaternionFloatingJoint
@@ -22,8 +22,10 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.systems.mujoco_model import Pieces, import_mujoco, mujoco_model
 from drake_pregrasp.systems.ports import declare_output
 
-PairForce = tuple[GeometryId, GeometryId, FloatArray]
-"""Geometries A and B of a contact, and the force of A on B, in W, shape (3,), in newtons."""
+PairForce = tuple[int, int, FloatArray]
+"""Contact: values of the `GeometryId` of A and B, and the force of A on B in W, shape (3,), in N.
+
+Contexts are copied with the values of ports, and a `GeometryId` cannot be copied in Python."""
 
 PAIR_FORCES = AbstractValue.Make([])
 """Model value of a port with a list of `PairForce`."""
@@ -235,6 +237,6 @@ class MujocoPlant(LeafSystem):
         for index, contact in enumerate(data.contact):
             self._mujoco.mj_contactForce(own.model, data, index, wrench)
             force = contact.frame.reshape(3, 3).T @ wrench[:3]
-            a, b = (own.geometries[geometry] for geometry in contact.geom)
+            a, b = (int(own.geometries[geometry].get_value()) for geometry in contact.geom)
             found.append((a, b, force))
         return found
