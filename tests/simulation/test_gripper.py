@@ -18,7 +18,14 @@ def resolved(text):
     return load_resolved("grasp_gripper", text=f"{{{text}}}")
 
 
-@pytest.mark.parametrize("text", ["object: {size: [0.08, 0.05, 0.06]}", slow(CYLINDER)])
+# The middle of one face must not be touched: the pad on the other face must be beside it, too.
+ONE_SIDED = (
+    "surface: {spacing: 0.004, forbidden_faces: [+y, -y], no_touch: [!InsideBox {center:"
+    " [0.04, -0.005, 0.0], size: [0.01, 0.03, 0.08]}]}"
+)
+
+
+@pytest.mark.parametrize("text", ["object: {size: [0.08, 0.05, 0.06]}", ONE_SIDED, slow(CYLINDER)])
 def test_pads_start_opposite_each_other_where_both_jaws_are(text):
     scenario = resolved(text)
     (a, b), (n_a, n_b) = scenario.start.p_OC, scenario.surface.project(scenario.start.p_OC)[1]
@@ -30,6 +37,16 @@ def test_pads_start_opposite_each_other_where_both_jaws_are(text):
     assert scenario.start.margin > 0.5
     (pair,) = scenario.planner.limits.pairs
     assert (pair.first, pair.second, pair.distance) == (0, 1, 0.0)
+
+
+def test_jaws_are_not_closed_on_places_at_different_heights():
+    """Friction would hold the box, but jaws cannot be where its sides may be touched."""
+    areas = ", ".join(
+        f"!InsideBox {{center: [{x}, 0.0, {-z}], size: [0.01, 0.06, 0.04]}}"
+        for x, z in ((0.04, 0.012), (-0.04, -0.012))
+    )
+    with pytest.raises(ScenarioError, match="no grasp for lack of"):
+        resolved(f"surface: {{spacing: 0.004, forbidden_faces: [+y, -y], no_touch: [{areas}]}}")
 
 
 @pytest.mark.parametrize(
