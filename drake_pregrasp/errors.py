@@ -80,6 +80,7 @@ class Lack(StrEnum):
         OPENING: Fingers reach the object, but not two opposite sides of it at once.
         ROOM: Fingertips in reach have no room beside each other, obstacles and the object.
         FRICTION: Contacts have no force closure, or do not hold the weight.
+        TORQUE: The torques of the fingers' joints do not hold the weight.
     """
 
     ARM = "arm reach"
@@ -87,6 +88,7 @@ class Lack(StrEnum):
     OPENING = "opening"
     ROOM = "room"
     FRICTION = "friction"
+    TORQUE = "torque"
 
 
 class NoGraspError(InvalidArgumentError):

@@ -12,7 +12,7 @@ from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.contacts.hand_over_object import StartContacts
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.palm_base import PalmCarrier
-from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.errors import InvalidArgumentError, Lack, NoGraspError
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.clearances import LINK_CLEARANCE
@@ -159,8 +159,8 @@ def check_torques(
         mass: Mass of the object, in kg.
 
     Raises:
-        InvalidArgumentError: If no squeeze at the start contacts balances the weight within the
-            torques, but one would without these limits.
+        NoGraspError: If no squeeze at the start contacts balances the weight within the torques,
+            but one would without these limits.
     """
     R_OW, p_OCoM, fingers = X_WO.rotation().matrix().T, surface.p_OCoM, start.has_contact
     p_OC, efforts, columns = start.p_OC[fingers], [], []
@@ -199,10 +199,8 @@ def check_torques(
     held = 0.0
     for power in range(1, _HALVINGS):
         held += 0.5**power * (lack(held + 0.5**power) == GiveUp.NONE)
-    raise InvalidArgumentError(
-        f"{mass:g} kg weigh {weight:.3g} N; at the start contacts, the torques of the hand's joints"
-        f" hold {held * weight:.3g} N"
-    )
+    holds = f"the torques of the hand's joints hold {held * weight:.3g} N at the start contacts"
+    raise NoGraspError(Lack.TORQUE, f"{holds}, and {mass:g} kg weigh {weight:.3g} N")
 
 
 def turned_by(yaw: float) -> FloatArray:

@@ -22,6 +22,7 @@ from drake_pregrasp.diagrams.approaches import (
     candidate_approaches,
     table_height,
 )
+from drake_pregrasp.diagrams.feasibility import check_torques
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_instances import (
     HandInstances,
@@ -201,7 +202,8 @@ def AddHandController(
         body: Body of the object, for its contact; None for the only free body of the plant.
 
     Raises:
-        NoGraspError: If contacts are to be chosen, but there is no grasp.
+        NoGraspError: If contacts are to be chosen, but there is no grasp, or the torques of the
+            hand's joints do not hold the weight.
         InvalidArgumentError: If settings do not go together, the hand and its model, the robot in
             the plant, or given contacts and the fingers, do not match, or an arm cannot hold the
             palm over the object.
@@ -227,6 +229,7 @@ def AddHandController(
     )
     planner = start_grasp.hand_planner(planner, config, model.description)
     start_grasp.check_room(model.description, start.has_contact)
+    check_torques(model, config, surface, start, X_WO, mass)
     away = [(0.0, np.flatnonzero(~start.has_contact).tolist())]
     added = add_grasping_hand(
         builder,

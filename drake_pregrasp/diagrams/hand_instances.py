@@ -25,10 +25,19 @@ class HandInstances:
     Args:
         plant: Plant with the hand.
         instances: Model instances of the hand and of what carries it.
+
+    Raises:
+        InvalidArgumentError: If the plant has no such model instance.
     """
 
     def __init__(self, plant: MultibodyPlant, instances: Sequence[ModelInstanceIndex]) -> None:
         self.plant, self.instances = plant, list(instances)
+        there = [ModelInstanceIndex(i) for i in range(plant.num_model_instances())]
+        for index in self.instances:
+            if index not in there:
+                titles = ", ".join(f"{int(i)} {plant.GetModelInstanceName(i)}" for i in there)
+                problem = f"the plant has no model instance {int(index)}; there are: {titles}"
+                raise InvalidArgumentError(f"robot: {problem}")
 
     def joint(self, name: str, key: str) -> Joint:
         """Returns a joint.

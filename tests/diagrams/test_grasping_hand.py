@@ -1,15 +1,19 @@
 """A hand in a plant of one's own, its start contacts, and the choice among approaches."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import slow
 from five_finger_hand import HAND, X_WO
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder
 
 import drake_pregrasp as dp
-from drake_pregrasp.config.hand_description import Carrier, HandDescription, Mount
+from drake_pregrasp.config.hand_description import Carrier, Closing, HandDescription, Mount
+from drake_pregrasp.errors import Lack
 from drake_pregrasp.geometry.solids import HalfSpace
 from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 
@@ -20,15 +24,25 @@ SURFACE = dp.box_surface(SIZE, spacing=0.01, forbidden_faces=["+z", "-z"])
 PLANNING = dp.PlannerConfig(static_duration=0.0)
 
 
-def add(p_OC=None, mass=0.4, surface=SURFACE, pose=X_WO, X_WB=FROM_ABOVE, **config):
+def add(
+    p_OC=None,
+    mass=0.4,
+    surface=SURFACE,
+    pose=X_WO,
+    X_WB=FROM_ABOVE,
+    hand=HAND.description,
+    robot=None,
+    **config,
+):
     builder = DiagramBuilder()
     settings = MultibodyPlantConfig(time_step=0.01, use_sampled_output_ports=False)
     plant, _ = AddMultibodyPlant(settings, builder)
-    robot = dp.add_hand_model(plant, HAND.description, X_WB=X_WB)
+    models = dp.add_hand_model(plant, hand, X_WB=X_WB)
     plant.Finalize()
+    robot = models if robot is None else robot
     added = dp.AddHandController(
         builder,
-        HAND.description,
+        hand,
         surface,
         PLANNING,
         plant=plant,
@@ -81,6 +95,20 @@ def test_settings_are_checked_as_on_the_command_line(text, python):
     with pytest.raises(dp.InvalidArgumentError) as in_python:
         add(**python)
     assert str(of_a_file.value).endswith(str(in_python.value))
+
+
+@pytest.mark.slow
+def test_a_grasp_that_the_torques_of_the_joints_do_not_hold_is_refused_with_both_forces():
+    tips = [replace(tip, closing=Closing(force=100.0)) for tip in HAND.description.fingertips]
+    strong = replace(HAND.description, fingertips=tips)
+    with pytest.raises(dp.NoGraspError, match=r"hold [\d.]+ N at .* weigh 98.1 N") as error:
+        add(mass=10.0, largest_force=100.0, hand=strong)
+    assert error.value.lack is Lack.TORQUE
+
+
+def test_a_robot_that_is_not_in_the_plant_is_refused():
+    with pytest.raises(dp.InvalidArgumentError, match=r"robot: .* 7.*; there are: .*2 hand"):
+        add(robot=ModelInstanceIndex(7))
 
 
 @pytest.mark.slow
