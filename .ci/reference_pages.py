@@ -14,6 +14,7 @@ import itertools
 import json
 import re
 import textwrap
+import types
 import typing
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,7 +24,7 @@ import drake_pregrasp
 from drake_pregrasp.cli import command
 from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.config.validation import is_scalar, scalar_problem
-from drake_pregrasp.interfaces import lcm
+from drake_pregrasp.interfaces import lcm, lcm_status
 from drake_pregrasp.simulation.scenario import Scenario
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -209,7 +210,7 @@ def described(system: type) -> dict[tuple[str, str], str]:
 def ports_page() -> str:
     """Returns the page of the ports of all public systems."""
     public = [getattr(drake_pregrasp, name) for name in drake_pregrasp.__all__]
-    public += [getattr(lcm, name) for name in names_of_interfaces()]
+    public += [getattr(module, name) for name, module in names_of_interfaces().items()]
     lines = [
         "# Ports",
         "The ports of the public systems and diagrams, in their order. W is the world, O the "
@@ -290,7 +291,8 @@ def api_page() -> str:
     lines = [
         "# API",
         "The public names of `drake_pregrasp`, by the folder of their source, and those of "
-        "`interfaces.lcm`. [Ports](ports.md) and [keys](scenario_keys.md) have pages of their own.",
+        "`interfaces.lcm` and `interfaces.lcm_status`. [Ports](ports.md) and "
+        "[keys](scenario_keys.md) have pages of their own.",
         MADE.format("docstrings"),
     ]
     groups: dict[str, list[str]] = {}
@@ -303,19 +305,23 @@ def api_page() -> str:
         for name in (alias.name for alias in node.names):
             entry = f"- [`{name}`](../../{file}.py): {summary_of(module, name)}"
             groups.setdefault(str(node.module).split(".")[1], []).append(entry)
-    file = "drake_pregrasp/interfaces/lcm"
-    groups["interfaces.lcm"] = [
-        f"- [`{name}`](../../{file}.py): {summary_of(lcm, name)}" for name in names_of_interfaces()
-    ]
+    for name, module in names_of_interfaces().items():
+        file = module.__name__.replace(".", "/")
+        entry = f"- [`{name}`](../../{file}.py): {summary_of(module, name)}"
+        groups.setdefault(module.__name__.partition(".")[2], []).append(entry)
     for group, entries in groups.items():
         lines += [f"## `{group}`", "\n".join(sorted(entries))]
     return "\n\n".join(lines) + "\n"
 
 
-def names_of_interfaces() -> list[str]:
-    """Returns the public classes and functions of `interfaces.lcm`, which needs LCM's messages."""
-    items = vars(lcm).items()
-    return [n for n, x in items if getattr(x, "__module__", "") == lcm.__name__ and n[0] != "_"]
+def names_of_interfaces() -> dict[str, types.ModuleType]:
+    """Returns the modules of the public classes and functions for LCM, which need its messages."""
+    return {
+        name: module
+        for module in (lcm, lcm_status)
+        for name, item in vars(module).items()
+        if getattr(item, "__module__", "") == module.__name__ and name[0] != "_"
+    }
 
 
 def summary_of(module: Any, name: str) -> str:

@@ -43,6 +43,7 @@ from drake_pregrasp.regions.capability_weights import capability_weights
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation.hand_file import load_hand
+from drake_pregrasp.simulation.pregrasp_station import PregraspStation
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.run import RunResult, run
 from drake_pregrasp.simulation.scenario import Scenario
@@ -120,6 +121,7 @@ __all__ = [
     "PoseFilterNoise",
     "PregraspError",
     "PregraspPlanner",
+    "PregraspStation",
     "PregraspVisualizer",
     "ResolvedScenario",
     "Revolved",

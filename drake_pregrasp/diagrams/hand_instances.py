@@ -1,7 +1,7 @@
 """The model instances of a plant that together are a hand and what carries it."""
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, Joint, ModelInstanceIndex, RigidBody
@@ -149,39 +149,59 @@ def hand_ports(
     nq, count = plant.num_positions(), len(joints)
     measured = [joint.position_start() for joint in joints]
     measured += [nq + joint.velocity_start() for joint in joints]
-    state = _select(builder, "hand_state", plant.num_multibody_states(), [measured])
+    state = add_selector(
+        builder, "hand_state", {"u": plant.num_multibody_states()}, {"y": measured}
+    )
     builder.Connect(dynamics.get_state_output_port(), state.get_input_port(0))
     driven = [inputs[int(joint.index())] for joint in joints]
-    actuation = _select(builder, "hand_actuation", plant.num_actuated_dofs(), [driven])
+    actuation = add_selector(
+        builder, "hand_actuation", {"u": plant.num_actuated_dofs()}, {"y": driven}
+    )
     builder.Connect(dynamics.get_net_actuation_output_port(), actuation.get_input_port(0))
     instances = sorted({joint.model_instance() for joint in joints}, key=int)
-    wanted = []
+    wanted = {}
     for instance in instances:
         own = plant.GetJointActuatorIndices(instance)
         places = [order[int(plant.get_joint_actuator(i).joint().index())] for i in own]
-        wanted.append([*places, *(count + place for place in places)])
-    desired = _select(builder, "hand_drives", 2 * count, wanted)
+        title = plant.GetModelInstanceName(instance)
+        wanted[title] = [*places, *(count + place for place in places)]
+    desired = add_selector(builder, "hand_drives", {"u": 2 * count}, wanted)
     for port, instance in enumerate(instances):
         goal = dynamics.get_desired_state_input_port(instance)
         builder.Connect(desired.get_output_port(port), goal)
     return desired.get_input_port(0), state.get_output_port(0), actuation.get_output_port(0)
 
 
-def _select(
-    builder: DiagramBuilder, name: str, size: int, outputs: Sequence[Sequence[int]]
+def add_selector(
+    builder: DiagramBuilder,
+    name: str,
+    inputs: Mapping[str, int],
+    outputs: Mapping[str, Sequence[int]],
 ) -> Selector:
-    """Adds a system that emits the elements of a vector at some indices, per output port."""
+    """Adds a system that emits chosen elements of its inputs.
+
+    Args:
+        builder: Builder of the diagram.
+        name: Name of the system.
+        inputs: Sizes of the input ports by their names.
+        outputs: Indices into all inputs, one after another, by the names of the output ports.
+    """
+    offsets = [(port, i) for port, size in enumerate(inputs.values()) for i in range(size)]
     params = SelectorParams(
-        inputs=[SelectorParams.InputPortParams(name="u", size=size)],
+        inputs=[
+            SelectorParams.InputPortParams(name=port, size=size) for port, size in inputs.items()
+        ],
         outputs=[
             SelectorParams.OutputPortParams(
-                name=f"y{port}",
+                name=port,
                 selections=[
-                    SelectorParams.OutputSelection(input_port_index=0, input_offset=index)
+                    SelectorParams.OutputSelection(
+                        input_port_index=offsets[index][0], input_offset=offsets[index][1]
+                    )
                     for index in indices
                 ],
             )
-            for port, indices in enumerate(outputs)
+            for port, indices in outputs.items()
         ],
     )
     return builder.AddNamedSystem(name, Selector(params))

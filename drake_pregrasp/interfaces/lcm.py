@@ -4,11 +4,17 @@ import contextlib
 import logging
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from drake import lcmt_allegro_command, lcmt_panda_command, lcmt_panda_status, lcmt_scope
+from drake import (
+    lcmt_allegro_command,
+    lcmt_iiwa_command,
+    lcmt_panda_command,
+    lcmt_panda_status,
+    lcmt_scope,
+)
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.common.value import AbstractValue
 from pydrake.lcm import DrakeLcmInterface
@@ -29,6 +35,15 @@ ALLEGRO_CHANNEL = "ALLEGRO_COMMAND"
 
 PANDA_CHANNEL = "PANDA_COMMAND"
 """Channel on which drake-franka-driver listens to `lcmt_panda_command`."""
+
+IIWA_CHANNEL = "IIWA_COMMAND"
+"""Channel on which `IiwaDriver` of Drake's hardware_sim listens to `lcmt_iiwa_command`."""
+
+_COMMANDS = {
+    ALLEGRO_CHANNEL: lcmt_allegro_command,
+    IIWA_CHANNEL: lcmt_iiwa_command,
+    PANDA_CHANNEL: lcmt_panda_command,
+}
 
 _POLL = 1  # Longest wait for a message, in milliseconds.
 _SLACK = 1e-3  # Time before a tick at which it has not begun, and after it, in periods.
@@ -54,18 +69,20 @@ class _Refusals:
             self._next = 10 ** len(str(self._count))
 
 
-class _PoseSerializer(PySerializer):
-    """Reads messages with poses, and leaves the last one where a message is malformed.
+class SafeSerializer(PySerializer):
+    """Reads messages, and leaves the last one where a message is malformed.
 
     Args:
+        lcm_type: Type of the messages.
         channel: Name of the channel, for the warning.
     """
 
-    def __init__(self, channel: str) -> None:
-        super().__init__(lcmt_scope)
+    def __init__(self, lcm_type: type, channel: str) -> None:
+        super().__init__(lcm_type)
         self._malformed = _Refusals(f"malformed messages on {channel} are ignored")
 
     def Deserialize(self, buffer: bytes, abstract_value: AbstractValue) -> None:
+        """Decodes a message into a value, unless it is malformed."""
         try:
             super().Deserialize(buffer, abstract_value)
         except Exception:  # Of LCM's decoder, which raises errors of many kinds.
@@ -142,11 +159,11 @@ class CommandSender(LeafSystem):
 
     Port `time_since_measurement` accepts a vector of 1, as `PregraspPlanner` emits it.
 
-    Port `command` emits an `lcmt_allegro_command` or `lcmt_panda_command`. Positions move from
-    `initial` to the desired ones, no faster than `max_speed`. If the newest measurement is older
-    than `timeout`, in simulated time or since its first command by this machine's monotonic clock,
-    if there is none yet, or if an input is not finite, positions stay and velocities are zero. The
-    stamp is this machine's clock, because drivers refuse old commands.
+    Port `command` emits an `lcmt_allegro_command`, `lcmt_iiwa_command` or `lcmt_panda_command`.
+    Positions move from `initial` to the desired ones, no faster than `max_speed`. If the newest
+    measurement is older than `timeout`, in simulated time or since its first command by this
+    machine's monotonic clock, if there is none yet, or if an input is not finite, positions stay
+    and velocities are zero. The stamp is this machine's clock, because drivers refuse old commands.
     Commands belong to the moment right after a tick, when the controller has stored its results.
 
     Port `is_stopped` emits a vector of 1: 1 on silence, else 0.
@@ -163,7 +180,7 @@ class CommandSender(LeafSystem):
 
     def __init__(
         self,
-        lcm_type: type[lcmt_allegro_command] | type[lcmt_panda_command],
+        lcm_type: type[lcmt_allegro_command | lcmt_iiwa_command | lcmt_panda_command],
         joints: Sequence[int],
         initial: FloatArray,
         *,
@@ -213,7 +230,7 @@ class CommandSender(LeafSystem):
     def _calc_command(self, context: Context, output: AbstractValue) -> None:
         q, n, command = self._next(context)[0], len(self._joints), self._type()
         command.utime = time.time_ns() // 1000
-        if self._type is lcmt_allegro_command:
+        if self._type is not lcmt_panda_command:
             command.num_joints, command.joint_position = n, q.tolist()
         elif self._velocity:
             step = q - context.get_discrete_state(self._q).value()
@@ -235,7 +252,7 @@ def AddPoseSubscriber(
         lcm: Bus, from `DrakeLcm` or `ApplyLcmBusConfig`.
         channel: Channel with `lcmt_scope` messages.
     """
-    subscriber = LcmSubscriberSystem(channel, _PoseSerializer(channel), lcm)
+    subscriber = LcmSubscriberSystem(channel, SafeSerializer(lcmt_scope, channel), lcm)
     builder.AddNamedSystem(f"subscriber({channel})", subscriber)
     receiver: PoseReceiver = builder.AddNamedSystem("pose_receiver", PoseReceiver())
     builder.Connect(subscriber.get_output_port(), receiver.GetInputPort("message"))
@@ -257,7 +274,8 @@ def AddCommandPublisher(
     Args:
         builder: Builder of the diagram.
         lcm: Bus, from `DrakeLcm` or `ApplyLcmBusConfig`.
-        channel: `ALLEGRO_CHANNEL` or `PANDA_CHANNEL`, or one that starts so; it tells the type.
+        channel: `ALLEGRO_CHANNEL`, `IIWA_CHANNEL` or `PANDA_CHANNEL`, or one that starts so; it
+            tells the type.
         joints: As for `CommandSender`.
         initial: As for `CommandSender`.
         period: As for `CommandSender`.
@@ -266,10 +284,7 @@ def AddCommandPublisher(
     Raises:
         InvalidArgumentError: If the channel starts with none of these names.
     """
-    types = {ALLEGRO_CHANNEL: lcmt_allegro_command, PANDA_CHANNEL: lcmt_panda_command}
-    lcm_type = next((types[name] for name in types if channel.startswith(name)), None)
-    if lcm_type is None:
-        raise InvalidArgumentError(f"channel must start with {' or '.join(types)}, not {channel}")
+    lcm_type = type_of_channel(channel, _COMMANDS)
     sender = CommandSender(lcm_type, joints, initial, period=period, **options)
     publisher = LcmPublisherSystem.Make(
         channel, lcm_type, lcm, publish_period=period, publish_offset=_OFFSET * period
@@ -278,6 +293,14 @@ def AddCommandPublisher(
     builder.AddNamedSystem(f"publisher({channel})", publisher)
     builder.Connect(sender.GetOutputPort("command"), publisher.get_input_port())
     return sender
+
+
+def type_of_channel(channel: str, types: Mapping[str, Any]) -> Any:
+    """Returns the entry of the name with which a channel starts."""
+    for name, found in types.items():
+        if channel.startswith(name):
+            return found
+    raise InvalidArgumentError(f"channel must start with {' or '.join(types)}, not {channel}")
 
 
 def run_lcm_loop(

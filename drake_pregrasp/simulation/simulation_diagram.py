@@ -9,6 +9,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from drake_pregrasp.diagrams.grasping_hand import GoalSource, GraspingHand, add_grasping_hand
+from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_station import TABLE, HandStation
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
@@ -59,14 +60,17 @@ def make_diagram(
         ScenarioError: If the scenario cannot be simulated.
     """
     resolved, builder = resolve(scenario), DiagramBuilder()
-    weights = builder.AddNamedSystem("contact_weights", _contact_weights(resolved))
+    weights = builder.AddNamedSystem("contact_weights", contact_weights_of(resolved))
     hand: GraspingHand | None = None
     if resolved.hand is None:
         plant: ObjectPlant | HandStation = _add_object(builder, resolved)
         planner = _add_planner(builder, resolved, weights)
     else:
-        plant, hand = _add_hand(builder, resolved, resolved.hand, weights, goals)
-        planner = hand.planner
+        hand = add_hand(builder, resolved, resolved.hand, weights, goals)
+        plant = add_hand_station(builder, resolved, resolved.hand, hand.controller)
+        planner, close_at = hand.planner, resolved.scenario.grasp.close_at
+        command = builder.AddNamedSystem("close_command", CloseCommand(close_at))
+        connect(builder, command, "close", hand.controller)
     _add_sensor(builder, resolved, plant, planner)
     if resolved.scenario.capability:
         connect(builder, planner, "p_WC_previous:p_WC", weights)
@@ -104,7 +108,8 @@ def make_simulator(diagram: Diagram, scenario: Scenario) -> Simulator:
     return simulator
 
 
-def _contact_weights(resolved: ResolvedScenario) -> ContactWeights:
+def contact_weights_of(resolved: ResolvedScenario) -> ContactWeights:
+    """Returns the system that emits the weights of contacts and their losses."""
     scenario, n = resolved.scenario, resolved.num_contacts
     losses = [(event.at, event.contacts) for event in scenario.damage]
     losses.append((0.0, np.flatnonzero(~resolved.start.has_contact).tolist()))
@@ -152,22 +157,30 @@ def _add_planner(
     return planner
 
 
-def _add_hand(
+def add_hand(
     builder: DiagramBuilder,
     resolved: ResolvedScenario,
     model: HandModel,
     weights: System,
-    goals: GoalSource | None,
-) -> tuple[HandStation, GraspingHand]:
-    """Adds a plant with the object and the hand, and the systems that let the hand grasp."""
-    scenario, grasp = resolved.scenario, resolved.scenario.grasp
+    goals: GoalSource | None = None,
+) -> GraspingHand:
+    """Adds the planner and the controller of a scenario's hand.
+
+    Args:
+        builder: Builder of the diagram.
+        resolved: Scenario with the hand.
+        model: Model of the hand.
+        weights: System that emits `contact_weights`.
+        goals: As for `make_diagram`.
+    """
+    scenario = resolved.scenario
     solids = [moving_solid(o) for o in scenario.obstacles]
     # The table comes last, so that obstacles keep their indices of the scenario.
     obstacles = builder.AddNamedSystem("obstacles", MovingObstacles([*solids, TABLE]))
     hand = add_grasping_hand(
         builder,
         model,
-        grasp,
+        scenario.grasp,
         resolved.planner,
         resolved.surface,
         resolved.start.p_OC,
@@ -183,7 +196,18 @@ def _add_hand(
     if solids:
         moving = builder.AddNamedSystem("hand_obstacles", MovingObstacles(solids))
         connect(builder, moving, "obstacles", hand.controller)
-    station = builder.AddNamedSystem(
+    return hand
+
+
+def add_hand_station(
+    builder: DiagramBuilder,
+    resolved: ResolvedScenario,
+    model: HandModel,
+    controller: HandController,
+) -> HandStation:
+    """Adds the plant with a scenario's object and hand, and connects it to the controller."""
+    scenario, grasp = resolved.scenario, resolved.scenario.grasp
+    station: HandStation = builder.AddNamedSystem(
         "object_plant",
         HandStation(
             scenario.object,
@@ -191,7 +215,7 @@ def _add_hand(
             resolved.plant_config,
             model.description,
             friction=grasp.friction,
-            initial=hand.controller.initial,
+            initial=controller.initial,
             yaw_range=grasp.yaw_range,
             period=grasp.period,
             shape=resolved.shape,
@@ -200,13 +224,11 @@ def _add_hand(
             engine=scenario.engine,
         ),
     )
-    connect(builder, station, "hand_state net_actuation", hand.controller)
-    connect(builder, hand.controller, "desired_state", station)
+    connect(builder, station, "hand_state net_actuation", controller)
+    connect(builder, controller, "desired_state", station)
     if grasp.shake:
-        connect(builder, hand.controller, "grasp_report", station)
-    command = builder.AddNamedSystem("close_command", CloseCommand(grasp.close_at))
-    connect(builder, command, "close", hand.controller)
-    return station, hand
+        connect(builder, controller, "grasp_report", station)
+    return station
 
 
 def _add_grasp_logger(

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from drake import lcmt_allegro_command, lcmt_panda_command, lcmt_scope
+from drake import lcmt_allegro_command, lcmt_iiwa_status, lcmt_panda_command, lcmt_scope
 from pydrake.lcm import DrakeLcm
 from pydrake.manipulation import PandaCommandReceiver, PandaControlMode
 from pydrake.systems.analysis import Simulator
@@ -30,6 +30,7 @@ from drake_pregrasp.interfaces.lcm import (
     AddPoseSubscriber,
     run_lcm_loop,
 )
+from drake_pregrasp.interfaces.lcm_status import AddStatusSubscriber
 
 PERIOD = 0.01
 INITIAL = np.array([0.0, 0.5, -0.5])
@@ -181,9 +182,29 @@ def test_a_command_contains_what_its_tick_has_stored(lcm):
 
 
 def test_another_channel_needs_a_driver(lcm):
-    with pytest.raises(InvalidArgumentError, match="start with ALLEGRO_COMMAND or PANDA_COMMAND"):
-        AddCommandPublisher(DiagramBuilder(), lcm, "IIWA_COMMAND", [0], INITIAL, period=PERIOD)
+    known = "start with ALLEGRO_COMMAND or IIWA_COMMAND or PANDA_COMMAND"
+    with pytest.raises(InvalidArgumentError, match=known):
+        AddCommandPublisher(DiagramBuilder(), lcm, "WSG_COMMAND", [0], INITIAL, period=PERIOD)
     AddCommandPublisher(DiagramBuilder(), lcm, "PANDA_COMMAND_LEFT", [0], INITIAL, period=PERIOD)
+
+
+def test_a_status_that_cannot_be_used_leaves_the_last_one(lcm):
+    builder = DiagramBuilder()
+    receiver = AddStatusSubscriber(builder, lcm, "IIWA_STATUS", INITIAL[:2])
+    simulator = Simulator(builder.Build())
+    context, seen = receiver.GetMyContextFromRoot(simulator.get_context()), []
+    for tick, q in enumerate(([], [0.1, 0.2], [0.3, np.nan], [0.4])):
+        message = lcmt_iiwa_status()
+        message.num_joints = len(q)
+        for field in message.__slots__[2:]:
+            setattr(message, field, list(q))
+        lcm.Publish("IIWA_STATUS", message.encode())
+        lcm.HandleSubscriptions(0)
+        simulator.AdvanceTo((tick + 1) * PERIOD)
+        ports = ("state_estimated", "torque_measured")
+        seen.append([receiver.GetOutputPort(port).Eval(context).tolist() for port in ports])
+    assert seen[0] == [[*INITIAL[:2], 0.0, 0.0], [0.0, 0.0]]
+    assert seen[1:] == 3 * [[[0.1, 0.2, 0.1, 0.2], [-0.1, -0.2]]]
 
 
 def test_a_loop_on_this_machine_answers_each_pose():
