@@ -14,6 +14,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from drake_pregrasp import (
     AddPregraspPlanner,
+    GraspPhase,
     HandModel,
     MeasurementVerdict,
     PlannerConfig,
@@ -54,13 +55,40 @@ def test_the_first_run_changes_what_the_page_says():
 
 def test_a_scenario_in_the_way_of_hardware_sim_runs(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    Path("mine.yaml").write_text(block("hardware_sim.md", "yaml"))
-    code = block("hardware_sim.md", "python").replace(
+    Path("mine.yaml").write_text(blocks("hardware_sim.md", "yaml")[0])
+    code = blocks("hardware_sim.md", "python")[0].replace(
         "ApplySimulatorConfig(scenario.simulator_config, simulator)", ""
     )
     names = executed("hardware_sim.md", code)
     assert names["scenario"].simulator_config.target_realtime_rate == 1.0
     assert names["simulator"].get_context().get_time() == 1.0
+
+
+@pytest.mark.slow
+def test_hardware_sim_with_a_hand_takes_forty_lines(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    scenario, code = blocks("hardware_sim.md", "yaml")[1], blocks("hardware_sim.md", "python")[1]
+    quiet = "  visualization: {enable_meshcat_creation: false}\n"
+    Path("pregrasp_sim.yaml").write_text(scenario + quiet)
+    assert len(list(filter(str.strip, code.splitlines()))) <= 40
+    Path("pregrasp_sim.py").write_text(code)
+    names = runpy.run_path("pregrasp_sim.py")
+    context, controller = names["simulator"].get_context(), names["hand"].controller
+    report = controller.GetOutputPort("grasp_report")
+    phase = report.Eval(controller.GetMyContextFromRoot(context))[0]
+    assert phase == GraspPhase.HOLD
+
+
+@pytest.mark.slow
+def test_the_station_of_the_page_holds_and_then_waits_for_its_robot(capsys):
+    simulated, over_lcm = blocks("station.md", "python")
+    assert len(list(filter(str.strip, simulated.splitlines()))) <= 20
+    here = over_lcm.replace("udpm://239.255.76.67:7667?ttl=0", "memq://")
+    short = here.replace("scenario.grasp.period)", "scenario.grasp.period, duration=0.1)")
+    names = executed("station.md", simulated + short)
+    assert capsys.readouterr().out == "HOLD with 19 joints\n"
+    assert names["meshcat"].HasPath("/drake/visualizer")
+    assert list(names["station"].initial) == ["hand"]
 
 
 @pytest.mark.slow
