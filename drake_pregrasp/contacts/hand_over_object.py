@@ -25,6 +25,7 @@ class HandOverObject:
             shape (6,).
         friction: Coulomb's coefficient.
         normal_forces: Smallest and largest normal force of each finger, shape (2, n), in newtons.
+        touch_force: Largest force of a finger that touches the object first, in newtons.
         yaw: Yaw of the palm, in radians; of equal grasps, the nearest one is chosen.
         yaw_range: Smallest and largest yaw of the palm, in radians.
         least_fingers: Smallest number of fingers of a grasp.
@@ -47,6 +48,7 @@ class HandOverObject:
     wrench: FloatArray
     friction: float
     normal_forces: FloatArray
+    touch_force: float
     yaw: float = 0.0
     yaw_range: tuple[float, float] = FREE_TURN
     least_fingers: int = 3

@@ -1,6 +1,5 @@
 """Start contacts of a hand: the fingers, their places and the palm's yaw by force closure."""
 
-import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -9,10 +8,9 @@ from scipy.spatial.distance import pdist
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.contacts.assignment import palm_turn
-from drake_pregrasp.contacts.contact_pairs import OppositePoints, Pair
 from drake_pregrasp.contacts.hand_over_object import HandOverObject, StartContacts
+from drake_pregrasp.contacts.start_candidates import AWAY, TIE, StartCandidates
 from drake_pregrasp.errors import Lack, NoGraspError
-from drake_pregrasp.geometry.mesh_surface import INTRUSION, mean_slopes
 from drake_pregrasp.geometry.solids import SignedDistance
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.force_closure import (
@@ -22,7 +20,7 @@ from drake_pregrasp.quality.force_closure import (
     torsional_friction_of,
 )
 from drake_pregrasp.quality.margin_bounds import moved_least_norm_margin
-from drake_pregrasp.regions.constraints import ALONG, OPPOSITE, Limit
+from drake_pregrasp.regions.constraints import OPPOSITE, Limit
 
 _YAWS = 24  # Yaws of the palm that are tried in a full turn.
 _COARSE, _FINE = 300, 3000  # Largest numbers of candidates, for all yaws and for the best ones.
@@ -30,18 +28,12 @@ _COARSE_SWEEPS, _FINE_SWEEPS = 2, 4  # Largest numbers of rounds in which finger
 _FINALISTS = 6  # Yaws whose exact margins are compared.
 _TURNS = 4  # Largest number of times that the yaw follows the contacts, and these the reach.
 # Costs and gains in units of the force-closure margin:
-_COMFORT = 0.2  # Cost of fingertips that are the hand's radius away from their homes.
-_FLAT = 2.0  # Cost of contacts with a mean slope of 1 around them.
 _FINGER = 0.25  # Gain of one more finger, which shares the load.
 _LOAD, _STRONG = 0.5, 2.0  # Gain of strength for the object's weight once more, up to so often.
 _TURN = 0.05  # Cost of a palm that turns by a radian.
-_EDGE, _RESERVE = 0.1, 0.1  # Cost of a contact out of reach after a turn by this, in radians.
-_COVER = 0.1  # Cost of a contact with a part of the object over its fingertip's centre.
-_OVER = 0.01 * np.arange(1, 11)  # Heights over contacts at which such parts are found, in metres.
 _NEIGHBOURS = 8  # Number of places near each contact that may hold more of the weight.
 _ENOUGH = 1.1  # Strength for the object's weight at which fingers that hold too little stop.
-_AWAY = -1  # Candidate of a finger that stays away.
-_DIGITS, _TIE = 6, 1e-6  # Decimals of compared values: rounding must not choose between equal ones.
+_DIGITS = 6  # Decimals of compared scores: rounding must not choose between equal ones.
 
 
 def choose_start_contacts(
@@ -53,7 +45,8 @@ def choose_start_contacts(
     each in turn moves to the place with the best bound of the force-closure margin beside the
     others. For the best yaws the palm turns with the contacts until they are in reach there, and
     the exact margins decide. A finger stays away if it has no room or lowers the margin. Places at
-    the edge of reach and under parts of the object cost more, unless this leaves no grasp.
+    the edge of reach and under parts of the object cost more, unless this leaves no grasp. Where a
+    finger nearly tips the object, lower places are preferred.
 
     Args:
         surface: The object's surface.
@@ -85,7 +78,7 @@ def choose_start_contacts(
 class _Trial:
     """Assignment of candidates to fingers at a yaw of the palm.
 
-    `candidates` holds the index of each finger's candidate, or `_AWAY`. Bounds contain an upper
+    `candidates` holds the index of each finger's candidate, or `AWAY`. Bounds contain an upper
     bound of the margin; the last trials have exact margins, loads and scores.
     """
 
@@ -99,11 +92,11 @@ class _Trial:
     @property
     def fingers(self) -> IntArray:
         """Fingers with a candidate."""
-        return np.flatnonzero(self.candidates != _AWAY)
+        return np.flatnonzero(self.candidates != AWAY)
 
 
 class _Search:
-    """Candidates for the fingers of a hand.
+    """Search of start contacts among candidates.
 
     Args:
         surface: The object's surface.
@@ -121,143 +114,53 @@ class _Search:
         most: int,
         sweeps: int,
     ) -> None:
-        index = np.flatnonzero(surface.is_clear_of_forbidden_points)
-        if len(index) > most:
-            index = np.sort(np.random.default_rng(0).choice(index, most, replace=False))
-        limits = hand.constraints_at(hand.yaw)
         self._hand, self._n, self._sweeps = hand, len(hand.azimuths), sweeps
-        self._p, self._normals = surface.p_OQ[index], surface.nhat_OQ[index]
-        self._p_OCoM, self._up = surface.p_OCoM, hand.R_AO[2]
-        self._arms = self._p - self._p_OCoM
-        between = math.sqrt(surface.mesh.area / max(1, len(index)))  # Distance of neighbours.
-        self._points = OppositePoints(self._p, self._normals, between / 2)
-        self._ways = [  # Centres of fingertips at the contact, half-way to the standoff, and there.
-            self._p + (limits.tip_radii[:, None, None] + share * limits.standoff) * self._normals
-            for share in ALONG
-        ]
-        # Along the palm's axis there is no way to a place under another fingertip.
-        self._level = self._across(self._ways[0])
-        # Contacts nearer to each other have no safe regions (`neighbour_half_spaces`).
-        largest = np.maximum(limits.tip_radii[:, None], limits.tip_radii)
-        self._room = 2 * largest + limits.tip_gap
-        self._fits = np.ones((self._n, len(index)), dtype=bool)
-        for centres in self._ways:
-            gaps = solid.distance(centres.reshape(-1, 3)).reshape(self._n, -1)
-            self._fits &= gaps >= limits.tip_radii[:, None] - INTRUSION
-        radius = float(np.mean(limits.tip_radii)) / 2
-        self._slopes = mean_slopes(self._p, self._normals, solid, radius)
-        over = self._ways[0] + _OVER[:, None, None, None] * self._up
-        gaps = np.min(solid.distance(over.reshape(-1, 3)).reshape(over.shape[:-1]), axis=0)
-        self._cover = _COVER * np.maximum(0.0, 1 - gaps / limits.tip_radii[:, None])
-
-    def _across(self, vectors: FloatArray) -> FloatArray:
-        """Returns the parts of vectors across the palm's axis, shape (..., 3)."""
-        across: FloatArray = vectors - (vectors @ self._up)[..., None] * self._up
-        return across
+        self._candidates = StartCandidates(surface, solid, hand, most)
+        self._p, self._normals = self._candidates.p_OQ, self._candidates.nhat_OQ
+        self._arms = self._p - surface.p_OCoM
 
     def yaws(self) -> FloatArray:
         """Returns the yaws of the palm to try, in radians."""
         turns = 2 * np.pi / _YAWS * (np.arange(_YAWS) - _YAWS // 2)
         return np.unique(np.clip(self._hand.yaw + turns, *self._hand.yaw_range))
 
-    def limits_at(self, yaw: float) -> IntArray:
-        """Returns the `Limit` that keeps each finger from each candidate, shape (n, K)."""
-        constraints, fingers = self._hand.constraints_at(yaw), range(self._n)
-        limits = np.array([constraints.limits_at(i, self._p, self._normals)[0] for i in fingers])
-        for centres in (self._ways[0], self._ways[-1]):
-            within = self._hand.in_workspace(yaw, centres)
-            limits[~within & (limits != Limit.FORBIDDEN)] = Limit.REACH
-        limits[~self._fits & (limits == Limit.NONE)] = Limit.WALL
-        return limits
-
-    def discomforts_at(self, yaw: float) -> FloatArray:
-        """Returns the cost of each fingertip's path from home to each candidate, shape (n, K).
-
-        Home is at the height of the centre of mass, and the unit of length is the hand's radius at
-        home. Contacts on edges, on thin parts, at the edge of reach and under parts cost more.
-        """
-        home = self._across(self._hand.p_OT_at(yaw))
-        from_axis = home - self._across(self._p_OCoM)
-        radius = float(np.mean(np.linalg.norm(from_axis, axis=1)))
-        away = self._ways[0] - home[:, None] - (self._p_OCoM @ self._up) * self._up
-        costs: FloatArray = _COMFORT * np.linalg.norm(away, axis=2) / radius
-        costs += _FLAT * self._slopes + self._hand.clearance_weight * self._cover
-        for turn in (-_RESERVE, _RESERVE) if self._hand.clearance_weight else ():
-            turned = self._hand.constraints_at(yaw + turn)
-            limits = [turned.limits_at(i, self._p, self._normals)[0] for i in range(self._n)]
-            costs += self._hand.clearance_weight * _EDGE * (np.array(limits) == Limit.REACH)
-        return costs
-
     def settled(self, yaw: float, before: IntArray | None = None) -> _Trial:
         """Returns a trial at a yaw, in which fingers at first keep permitted candidates."""
-        free, discomforts = self.limits_at(yaw) == Limit.NONE, self.discomforts_at(yaw)
-        fingers, assigned = np.arange(self._n), np.full(self._n, _AWAY)
+        candidates = self._candidates
+        free, costs = candidates.limits_at(yaw) == Limit.NONE, candidates.costs_at(yaw)
+        homes, assigned = candidates.homes_at(yaw), np.full(self._n, AWAY)
         if before is not None:
-            assigned = np.where(free[fingers, before], before, _AWAY)
+            assigned = candidates.kept(homes, free, before)
         for pair in self._hand.pairs:
             both = [pair.first, pair.second]
-            if np.any(assigned[both] == _AWAY):
-                assigned[both] = self._opposite(pair, free, discomforts)
+            if np.any(assigned[both] == AWAY):
+                assigned[both] = AWAY
+                room = np.array([candidates.has_room(homes, i, assigned) for i in both])
+                assigned[both] = candidates.best_pair(homes, pair, free[both] & room, costs)
         for finger in np.argsort(np.sum(free, axis=1), kind="stable").tolist():
-            choices = np.flatnonzero(free[finger] & self._has_room(finger, assigned))
-            if assigned[finger] == _AWAY and len(choices):
-                costs = discomforts[finger, choices]
-                assigned[finger] = choices[np.argmax(costs <= np.min(costs) + _TIE)]
-        assigned_fingers, bound = np.flatnonzero(assigned != _AWAY), -np.inf
+            choices = np.flatnonzero(free[finger] & candidates.has_room(homes, finger, assigned))
+            if assigned[finger] == AWAY and len(choices):
+                own = costs[finger, choices]
+                assigned[finger] = choices[np.argmax(own <= np.min(own) + TIE)]
+        assigned_fingers, bound = np.flatnonzero(assigned != AWAY), -np.inf
         for _ in range(self._sweeps):
             last = bound
             for finger in assigned_fingers.tolist():
-                choices = np.flatnonzero(free[finger] & self._has_room(finger, assigned))
+                choices = np.flatnonzero(
+                    free[finger] & candidates.has_room(homes, finger, assigned)
+                )
                 others = assigned_fingers[assigned_fingers != finger]
-                discomfort = discomforts[finger, choices]
-                discomfort = discomfort + np.sum(discomforts[others, assigned[others]])
-                bounds = self._bounds(finger, assigned, choices) - discomfort / self._n
+                cost = costs[finger, choices] + np.sum(costs[others, assigned[others]])
+                bounds = self._bounds(finger, assigned, choices) - cost / self._n
                 bound = float(np.max(bounds))
-                assigned[finger] = choices[np.argmax(bounds >= bound - _TIE)]
+                assigned[finger] = choices[np.argmax(bounds >= bound - TIE)]
             if bound <= last:
                 break
         return _Trial(yaw, assigned, bound + _FINGER * len(assigned_fingers))
 
-    def _opposite(self, pair: Pair, free: BoolArray, discomforts: FloatArray) -> IntArray:
-        """Returns the best candidates of a pair, which are opposite each other, or `_AWAY`, (2,).
-
-        Args:
-            pair: The pair.
-            free: Mask of the candidates that each finger may have, shape (n, K).
-            discomforts: Cost of each candidate, shape (n, K).
-        """
-        a, b = np.flatnonzero(free[pair.first]), np.flatnonzero(free[pair.second])
-        off, width = self._points.errors(pair, a[:, None], b)
-        # Pads touch at the angle off/width, as at a slope of the surface.
-        costs = discomforts[pair.first, a, None] + discomforts[pair.second, b] + _FLAT * off / width
-        if not np.any(costs < np.inf):
-            return np.full(2, _AWAY)
-        best = int(np.argmax(costs <= np.min(costs) + _TIE))
-        return np.array([a[best // len(b)], b[best % len(b)]])
-
-    def _has_room(self, finger: int, assigned: IntArray) -> BoolArray:
-        """Returns the mask of candidates with room beside the other fingertips, shape (K,).
-
-        A finger of a pair has room only opposite the other one.
-        """
-        room = np.ones(len(self._p), dtype=bool)
-        for other in np.flatnonzero(assigned != _AWAY).tolist():
-            if other != finger:
-                candidate, least = assigned[other], self._room[finger, other]
-                away = self._level[finger] - self._level[other, candidate]
-                room &= np.linalg.norm(away, axis=1) > least
-                is_apart = np.linalg.norm(self._p - self._p[candidate], axis=1) > least
-                room &= is_apart | (self._normals @ self._normals[candidate] < OPPOSITE)
-        for pair in self._hand.pairs:
-            partner = {pair.first: pair.second, pair.second: pair.first}.get(finger, finger)
-            if partner != finger and assigned[partner] != _AWAY:
-                everywhere = np.arange(len(self._p))
-                room &= self._points.errors(pair, assigned[partner], everywhere)[0] < np.inf
-        return room
-
     def _bounds(self, finger: int, assigned: IntArray, choices: IntArray) -> FloatArray:
         """Returns bounds of the margin with a finger at each choice, in [-1, 1], shape (k,)."""
-        assigned_fingers = np.flatnonzero(assigned != _AWAY)
+        assigned_fingers = np.flatnonzero(assigned != AWAY)
         cones, model = self._cones(assigned)
         bounds = moved_least_norm_margin(
             *cones,
@@ -274,8 +177,9 @@ class _Search:
         trial = self.settled(yaw)
         for _ in range(_TURNS if len(trial.fingers) >= self._hand.least_fingers else 0):
             turned = self._turned(trial)
-            permitted = self.limits_at(turned)[trial.fingers, trial.candidates[trial.fingers]]
-            if np.all(permitted == Limit.NONE):
+            free = self._candidates.limits_at(turned) == Limit.NONE
+            kept = self._candidates.kept(self._candidates.homes_at(turned), free, trial.candidates)
+            if np.array_equal(kept, trial.candidates):
                 return self._judged(replace(trial, yaw=turned))
             trial = self.settled(turned, trial.candidates)
         return None
@@ -288,9 +192,10 @@ class _Search:
 
     def _nearest_candidates(self, trial: _Trial) -> IntArray:
         """Returns the assigned candidates, or those nearest to home for fingers that stay away."""
-        closed = self.limits_at(trial.yaw) == Limit.FORBIDDEN
-        nearest = np.argmin(np.where(closed, np.inf, self.discomforts_at(trial.yaw)), axis=1)
-        return np.where(trial.candidates == _AWAY, nearest, trial.candidates)
+        closed = self._candidates.limits_at(trial.yaw) == Limit.FORBIDDEN
+        discomforts = self._candidates.discomforts_at(trial.yaw)
+        nearest = np.argmin(np.where(closed, np.inf, discomforts), axis=1)
+        return np.where(trial.candidates == AWAY, nearest, trial.candidates)
 
     def _judged(self, trial: _Trial) -> _Trial | None:
         """Returns a trial with its margin, without fingers that lower it; None if there is none."""
@@ -299,7 +204,7 @@ class _Search:
             return None
         trial = replace(trial, margin=self._margin(trial.candidates))
         while len(trial.fingers) > hand.least_fingers:
-            fewer = [np.where(fingers == i, _AWAY, trial.candidates) for i in trial.fingers]
+            fewer = [np.where(fingers == i, AWAY, trial.candidates) for i in trial.fingers]
             margins = [self._margin(assigned) for assigned in fewer]
             if max(margins) <= trial.margin + _FINGER:
                 break
@@ -309,7 +214,8 @@ class _Search:
         assigned_fingers, assigned = trial.fingers, trial.candidates[trial.fingers]
         load = self._load(trial.candidates)
         score = trial.margin + _LOAD * min(load, _STRONG) + _FINGER * len(assigned_fingers)
-        score -= float(np.sum(self.discomforts_at(trial.yaw)[assigned_fingers, assigned])) / self._n
+        costs = self._candidates.costs_at(trial.yaw)[assigned_fingers, assigned]
+        score -= float(np.sum(costs)) / self._n
         score -= _TURN * abs(trial.yaw - hand.yaw)
         return replace(trial, load=load, score=score)
 
@@ -319,12 +225,14 @@ class _Search:
         The margin does not know the weight: the strongest places can be just beside the best ones.
         If force closure is lost on the way, the grasp stays as it is.
         """
-        free = self.limits_at(trial.yaw) == Limit.NONE
-        before, strong = 0.0, trial
+        free = self._candidates.limits_at(trial.yaw) == Limit.NONE
+        homes, before, strong = self._candidates.homes_at(trial.yaw), 0.0, trial
         while before < strong.load < _ENOUGH:
             before = strong.load
             for finger in strong.fingers.tolist():
-                room = np.flatnonzero(free[finger] & self._has_room(finger, strong.candidates))
+                room = np.flatnonzero(
+                    free[finger] & self._candidates.has_room(homes, finger, strong.candidates)
+                )
                 gaps = np.linalg.norm(self._p[room] - self._p[strong.candidates[finger]], axis=1)
                 for candidate in room[np.argsort(gaps)[:_NEIGHBOURS]].tolist():
                     assigned = np.where(np.arange(self._n) == finger, candidate, strong.candidates)
@@ -334,7 +242,7 @@ class _Search:
 
     def _load(self, assigned: IntArray) -> float:
         cones, model = self._cones(assigned)
-        forces = self._hand.normal_forces[:, assigned != _AWAY]
+        forces = self._hand.normal_forces[:, assigned != AWAY]
         return largest_load(*cones, wrench=self._hand.wrench, normal_forces=forces, **model)
 
     def _margin(self, assigned: IntArray) -> float:
@@ -345,7 +253,7 @@ class _Search:
         self, assigned: IntArray
     ) -> tuple[tuple[FloatArray, FloatArray, float], dict[str, Any]]:
         """Returns lever arms, normals and friction of the assigned fingers, and their model."""
-        fingers, friction = assigned != _AWAY, self._hand.friction
+        fingers, friction = assigned != AWAY, self._hand.friction
         cones = self._arms[assigned[fingers]], self._normals[assigned[fingers]], friction
         radii = np.zeros(self._n) if self._hand.patch_radii is None else self._hand.patch_radii
         if not np.any(radii[fingers] > 0):
@@ -356,17 +264,18 @@ class _Search:
     def contacts_of(self, trial: _Trial) -> StartContacts:
         """Returns the contacts of a trial."""
         p_OC = self._p[self._nearest_candidates(trial)]
-        return StartContacts(p_OC, trial.candidates != _AWAY, trial.yaw, trial.margin, trial.score)
+        return StartContacts(p_OC, trial.candidates != AWAY, trial.yaw, trial.margin, trial.score)
 
     def lack(self) -> NoGraspError:
         """Returns what is missing, if there is no grasp."""
         least, friction = self._hand.least_fingers, self._hand.friction
-        widths = [self._points.least_width(pair, self._up) for pair in self._hand.pairs]
+        points, up = self._candidates.opposite, self._hand.R_AO[2]
+        widths = [points.least_width(pair, up) for pair in self._hand.pairs]
         if (widest := self._hand.opening) < (width := max(widths, default=0.0)) < np.inf:
             detail = f"the jaws open {1e3 * widest:.3g} mm between their standoffs; the narrowest"
             detail = f"{detail} place between opposite sides is {1e3 * width:.3g} mm wide"
             return NoGraspError(Lack.OPENING, detail)
-        limits = [self.limits_at(yaw) for yaw in self.yaws()]
+        limits = [self._candidates.limits_at(yaw) for yaw in self.yaws()]
         opposite = (self._normals @ self._normals.T < OPPOSITE).astype(np.float32)
 
         def lacks(masks: list[BoolArray]) -> tuple[int, bool]:
@@ -380,7 +289,7 @@ class _Search:
             detail = f"at most {reached} fingers reach it at any yaw; {least} are needed"
             return NoGraspError(Lack.REACH, detail)
         if one_sided and np.any(opposite):
-            apart = 1e3 * np.max(pdist(self._across(self._hand.p_OT_at(self._hand.yaw))))
+            apart = 1e3 * np.max(pdist(self._candidates.across(self._hand.p_OT_at(self._hand.yaw))))
             from_planes = self._p @ self._normals.T - np.sum(self._p * self._normals, axis=1)
             width = 1e3 * np.min(np.abs(from_planes[opposite > 0]))
             detail = (

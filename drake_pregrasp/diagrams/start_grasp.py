@@ -21,6 +21,7 @@ from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import InvalidArgumentError, Lack, NoGraspError
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.grasping.grasp_state import GENTLE
 from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
 from drake_pregrasp.regions.finger_measures import FingerMeasures
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
@@ -128,6 +129,7 @@ def start_contacts_of(
             wrench=np.append(R_OW @ [0.0, 0.0, -GRAVITY * mass], np.zeros(3)),
             friction=config.planned_friction,
             normal_forces=np.array(np.broadcast_arrays(forces.least_force, forces.largest_force)),
+            touch_force=GENTLE * forces.touch_force,
             yaw_range=yaw_range,
             least_fingers=forces.least_fingers,
             patch_radii=hand.description.patch_radii,

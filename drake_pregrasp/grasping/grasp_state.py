@@ -15,14 +15,14 @@ BASE = -1
 NOT_BLOCKED = -2
 """Value in place of a finger's index while nothing blocks the hand."""
 
-
 RELEASE_SHARE = 0.2
 """Share of the touch force below which a finger no longer touches: its force varies."""
 
 NO_LIMIT = 1e6
 """Force that replaces an infinite limit, in newtons."""
 
-_GENTLE = 1.5  # Times the touch force: by which a finger may press more than it should.
+GENTLE = 1.5
+"""Factor of the touch force: the largest horizontal force of a finger that touches."""
 
 
 class GraspPhase(IntEnum):
@@ -300,7 +300,7 @@ class GraspState:
         if self.phase not in (GraspPhase.CLOSE, GraspPhase.SQUEEZE) and not has_let_go:
             return np.full(len(self.active), NO_LIMIT)
         planned = share * norms(self.forces)
-        return np.where(self.active, planned + _GENTLE * touch_force, NO_LIMIT)
+        return np.where(self.active, planned + GENTLE * touch_force, NO_LIMIT)
 
     def applied_share(self, share: float, touch_force: float) -> float:
         """Returns the share of the planned forces with which fingers press.

@@ -7,12 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import slow
+from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.contacts.assignment import palm_turn, ring_contacts
 from drake_pregrasp.contacts.goal_limits import tip_gaps
 from drake_pregrasp.contacts.hand_over_object import HandOverObject
 from drake_pregrasp.contacts.start_contacts import choose_start_contacts
+from drake_pregrasp.contacts.tipping import tipping_shares
 from drake_pregrasp.errors import Lack, NoGraspError
 from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface
 from drake_pregrasp.geometry.shapes import ball_shape, box_shape, cylinder_shape, load_shape
@@ -74,6 +76,7 @@ def hand_over(shape, *, turn=0.0, half_angle=1.13, mass=0.3, reaches=None, tip=T
         "wrench": np.array([0, 0, -9.81 * mass, 0, 0, 0]),
         "friction": 0.5,
         "normal_forces": FORCES,
+        "touch_force": 0.525,
         "yaw": turn,
     }
     return HandOverObject(**values | changes)
@@ -163,7 +166,11 @@ def test_contacts_keep_a_reserve_of_reach_and_avoid_places_under_parts(name, hal
     counts = []
     for clearance_weight in (0.0, 1.0):
         start, hand = chosen(
-            shape, surface, half_angle=half_angle, clearance_weight=clearance_weight
+            shape,
+            surface,
+            half_angle=half_angle,
+            clearance_weight=clearance_weight,
+            touch_force=0.0,
         )
         counts.append(count(start, surface, hand, shape))
     assert counts[0] > counts[1] == 0
@@ -208,6 +215,63 @@ def test_a_finger_without_a_place_stays_away():
     reaches[2] = reach_of(AZIMUTHS[2], 1.13, BallSolid(np.array([0.5, 0, 0]), 0.01))
     start, _ = chosen(shape_of("box0"), reaches=reaches)
     assert start.has_contact.tolist() == [True, True, False, True, True]
+
+
+# Three fingers in a row and two opposite ones.
+ROW = np.array([[-30.0, 50, 0], [0, 50, 0], [30, 50, 0], [-20, -50, 0], [20, -50, 0]]) * 1e-3
+
+
+def row_over(size, touch_force):
+    """Returns start contacts of a hand with fingers in rows on a box, with its surface and hand."""
+    shape = box_shape(np.array(size))
+    surface = surface_of(shape)
+    reaches = [
+        FingerReach(None, np.array([0, y, 0]), half_angle=1.6, incidence=1.2)
+        for y in np.sign(ROW[:, 1])
+    ]
+    start, hand = chosen(
+        shape,
+        surface,
+        reaches=reaches,
+        p_OT_at=lambda yaw: ROW @ Rotation.from_euler("z", yaw).as_matrix().T,
+        azimuths=np.arctan2(ROW[:, 1], ROW[:, 0]),
+        touch_force=touch_force,
+    )
+    return start, surface, hand
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [(0.1, 0.03, 0.15), (0.06, 0.03, 0.2), (0.12, 0.04, 0.1)])
+def test_fingertips_on_straight_paths_to_their_contacts_do_not_cross(size):
+    start, surface, hand = row_over(size, 0.525)
+    on = np.flatnonzero(start.has_contact)
+    p_OT = start.p_OC + TIP * surface.project(start.p_OC)[1]
+    ends = [points[on, :2] for points in (hand.p_OT_at(start.yaw), p_OT)]
+    least = [pdist((1 - share) * ends[0] + share * ends[1]) for share in np.linspace(0.0, 1.0, 101)]
+    assert len(on) == N
+    assert np.all(np.min(least, axis=0) >= np.minimum(least[0], least[-1]) / np.sqrt(2))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [(0.1, 0.03, 0.15), (0.06, 0.03, 0.2)])
+def test_fingers_touch_a_box_that_tips_easily_lower(size):
+    shares, heights = [], []
+    for touch_force in (0.0, 0.525):
+        start, surface, hand = row_over(size, touch_force)
+        shares.append(
+            tipping_shares(
+                start.p_OC,
+                surface.project(start.p_OC)[1],
+                p_OV=np.asarray(surface.mesh.vertices),
+                p_OCoM=surface.p_OCoM,
+                weight=hand.wrench[:3],
+                force=0.525,
+            )
+        )
+        heights.append(start.p_OC[:, 2])
+    assert np.max(shares[1]) < 0.9 < np.max(shares[0])
+    assert np.all(np.abs(heights[0]) < 0.015)  # The height of the centre of mass is preferred.
+    assert np.all(np.abs(heights[1]) < 0.04)
 
 
 def ball_reaches(direction, radius):

@@ -50,11 +50,11 @@ def motion_on_table(name, text, folder):
     return moved, np.max((R_DO[0].inv() * R_DO).magnitude()), result.summary["grasp"]["phase"]
 
 
-def check(hand, size, more, folder):
+def check(hand, size, more, folder, mass=0.25):
     if lack := LACKING_HANDS.get(hand, ""):
         pytest.skip(lack)
     file = f"hand: {{file: package://drake_pregrasp/{hand}.yaml}}, initial_contacts: []"
-    box = f"object: !Box {{size: {list(size)}, mass: 0.25}}"
+    box = f"object: !Box {{size: {list(size)}, mass: {mass}}}"
     moved, turned, phase = motion_on_table("grasp_five_finger", f"{box}, {file}{more}", folder)
     assert moved < 5e-3
     assert turned < np.radians(5)
@@ -72,6 +72,11 @@ def test_a_box_on_a_still_table_stays_where_it_is(hand, size, tmp_path):
 @pytest.mark.parametrize("hand", HANDS)
 def test_a_box_on_a_belt_moves_with_the_belt(hand, tmp_path):
     check(hand, BOXES[1], "", tmp_path)
+
+
+@pytest.mark.slow
+def test_fingers_in_a_row_do_not_cross_before_a_thin_box(tmp_path):
+    check("allegro_hand", (0.1, 0.03, 0.15), "", tmp_path, mass=0.35)
 
 
 @pytest.mark.slow
