@@ -14,7 +14,7 @@ import shutil
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -22,6 +22,7 @@ from xml.etree.ElementTree import Element
 import yaml
 
 from drake_pregrasp.diagrams.package_files import (
+    MAX_DEPTH,
     MAX_ELEMENTS,
     find_packages,
     located,
@@ -34,32 +35,32 @@ from drake_pregrasp.robots.robot_meshes import write_obj
 from drake_pregrasp.robots.urdf_repair import DRAKE
 
 MAX_PART_BYTES = 50_000_000
-"""Largest size of all mesh files of a model together, in bytes."""
+"""Largest size of all mesh files of a hand together, in bytes."""
 
 MAX_VALUE = 1000
 """Largest number of characters of an attribute, or of the text of an element."""
 
 MAX_LINKS = 200
-"""Largest number of links of a model."""
+"""Largest number of links of a hand."""
 
 MAX_GEOMETRIES = 1000
-"""Largest number of visual and collision geometries of a model, together."""
+"""Largest number of visual and collision geometries of a hand, together."""
 
 MAX_OTHERS = 300
-"""Largest number of joints; and of actuators, frames, constraints and filters, of each kind."""
+"""Largest number of joints; and of actuators, frames, constraints, filters and directives, each."""
 
 MAX_TRIANGLES = 100_000
-"""Largest number of triangles of all mesh files of a model together, except visual ones."""
+"""Largest number of triangles of all mesh files of a hand together, except visual ones."""
 
 MAX_VISUAL_TRIANGLES = 500_000
 """Largest number of triangles of all visual meshes that are shown; others are left out."""
 
 MAX_CELLS = 1000
-"""Largest number of cells into which Drake splits a model's hydroelastic geometries: the sum of
+"""Largest number of cells into which Drake splits a hand's hydroelastic geometries: the sum of
 (size / resolution hint)², and a tenth of the triangles of a geometry with a mesh file."""
 
-MAX_INCLUDES = 20
-"""Largest number of files that an MJCF or an SDF includes."""
+MAX_FILES = 20
+"""Largest number of files that a hand's models include, and its directives name, together."""
 
 _KINDS = {"sdf": "sdf", "robot": "urdf", "mujoco": "xml"}  # Formats by the tags of roots.
 _MESH_NAMES = {"urdf": "filename", "xml": "file"}  # Attributes; SDF has an element.
@@ -97,37 +98,56 @@ class CheckedModel:
     files: tuple[Path, ...]
 
 
-_ROOT = Path("/")
-_copies: dict[Path, tuple[list[tuple[int, int]], CheckedModel]] = {}
+@dataclass
+class Totals:
+    """Amounts of all models of a hand together, to which the limits apply.
+
+    Attributes:
+        files: Files that were read.
+        counts: Number of things of each kind.
+        cells: Number of cells; see `MAX_CELLS`.
+        meshes: Copies of mesh files, by their paths and whether they are visual.
+        faces: Number of triangles of each copy, by its URI.
+    """
+
+    files: list[Path] = field(default_factory=list)
+    counts: Counter[str] = field(default_factory=Counter)
+    cells: float = 0.0
+    meshes: dict[tuple[Path, bool], Path] = field(default_factory=dict)
+    faces: dict[str, int] = field(default_factory=dict)
+
+    def add(self, what: str, most: int, number: int = 1) -> None:
+        """Counts things of a kind.
+
+        Args:
+            what: Name of the kind, in the plural.
+            most: Largest number of these things.
+            number: Number of things to add.
+
+        Raises:
+            InvalidArgumentError: If there are too many.
+        """
+        self.counts[what] += number
+        if self.counts[what] > most:
+            raise InvalidArgumentError(
+                f"more than {most} {what}, in all parts of the hand together; leave some out"
+            )
 
 
-def checked_model(model: Path, folders: Sequence[Path] | None = None) -> CheckedModel:
-    """Returns a checked copy of a model, which is cached until one of its files changes.
+def checked_model(model: Path, allowed: Sequence[Path], totals: Totals) -> CheckedModel:
+    """Returns a checked copy of a model.
 
     Args:
         model: Path of an SDF, a URDF or an MJCF.
-        folders: Folders that files may be in, or below, besides the packages of `find_packages`;
-            None for any folder.
+        allowed: Folders that files may be in, or below.
+        totals: Totals of the hand's models so far, to which this model is added.
 
     Raises:
         InvalidArgumentError: If the model is too large, or names a file that is elsewhere, is too
             large, or cannot be read as a mesh; the message names file, element and value.
     """
-    packages = find_packages(model)
-    allowed = [_ROOT] if folders is None else [*folders, *packages.values()]
     check_inside(model, allowed)
-    if model not in _copies or _copies[model][0] != _stamps(_copies[model][1].files):
-        copy = _Copier(model, packages, allowed).copy()
-        _copies[model] = _stamps(copy.files), copy
-    copy = _copies[model][1]
-    for file in copy.files:
-        check_inside(file, allowed)
-    return copy
-
-
-def _stamps(files: Sequence[Path]) -> list[tuple[int, int]]:
-    found = [file.stat() for file in files if file.exists()]
-    return [(stat.st_mtime_ns, stat.st_size) for stat in found]
+    return _Copier(model, find_packages(model), allowed, totals).copy()
 
 
 class _NotShownError(Exception):
@@ -141,24 +161,33 @@ class _Copier:
         model: The model.
         packages: Folders of the packages that it may name, by their names.
         allowed: Folders that files may be in, or below.
+        totals: Totals of the hand's models so far.
     """
 
-    def __init__(self, model: Path, packages: Mapping[str, Path], allowed: Sequence[Path]) -> None:
+    def __init__(
+        self,
+        model: Path,
+        packages: Mapping[str, Path],
+        allowed: Sequence[Path],
+        totals: Totals,
+    ) -> None:
         self._model, self._packages, self._allowed = model, packages, allowed
         self._folder, self._strips_path = model.parent, False  # Of the names of meshes.
-        self._counts: Counter[str] = Counter()
-        self._cells = 0.0
-        self._meshes: dict[tuple[Path, bool], Path] = {}  # By path, and whether it is visual.
         self._is_visual = False
-        self._faces: dict[str, int] = {}  # By URI.
-        self._files = [model]
+        self._totals = totals
+        self._totals.files.append(model)
+        self._parts = [model]  # The model and what it includes.
         self._left_out: set[str] = set()
 
-    def copy(self) -> CheckedModel:
-        """Returns the copy."""
+    def copy(self, depth: int = 1) -> CheckedModel:
+        """Returns the copy.
+
+        Args:
+            depth: Level of the root among the elements of all parts of the model, from 1.
+        """
         root = parse_xml(self._model)
         if root.tag == "mujoco":
-            self._include(root)
+            self._include(root, 1)
         if root.tag not in _KINDS:
             raise self._error(
                 f"is no model of a hand: its root is <{root.tag}>; it must be <sdf>, <robot> (URDF)"
@@ -169,7 +198,7 @@ class _Copier:
             self._folder = self._located(compiler.get("meshdir", compiler.get("assetdir", "")))
             self._strips_path |= compiler.get("strippath") == "true"
         copied = Element(root.tag, {"xmlns:drake": DRAKE})
-        self._fill(copied, root)
+        self._fill(copied, root, depth)
         if self._left_out and not self._model.is_relative_to(resource_folder("models")):
             logging.getLogger(__name__).warning(
                 "%s: this is left out, because a hand does not need it: %s",
@@ -177,43 +206,59 @@ class _Copier:
                 printable(", ".join(sorted(self._left_out)), MAX_VALUE),
             )
         text = ElementTree.tostring(copied, encoding="unicode")
-        return CheckedModel(text, self._kind, tuple(self._files))
+        return CheckedModel(text, self._kind, tuple(self._totals.files))
 
-    def _include(self, element: Element) -> None:
+    def _include(self, element: Element, depth: int) -> None:
         """Replaces each `<include>` of an MJCF by what the root of its file contains."""
+        self._check_depth(depth)
         for index, child in reversed(list(enumerate(element))):
             if child.tag != "include":
-                self._include(child)
+                self._include(child, depth + 1)
                 continue
             included = parse_xml(self._included(child.get("file", "")))
-            self._include(included)
+            self._include(included, depth)
             element[index : index + 1] = list(included)
+
+    def _check_depth(self, depth: int) -> None:
+        if depth > MAX_DEPTH:
+            raise self._error(
+                f"has more than {MAX_DEPTH} levels of elements, with those that it includes"
+            )
 
     def _included(self, name: str) -> Path:
         """Returns the path of a file that is included, and counts it."""
         path = real_path(self._located(name))
         check_inside(path, self._allowed)
-        if path in self._files or len(self._files) > MAX_INCLUDES:
-            raise self._error(f"includes {path} twice, or more than {MAX_INCLUDES} files")
-        self._files.append(path)
+        if path in self._parts:
+            raise self._error(f"includes {path} twice")
+        self._parts.append(path)
+        self._add("files", MAX_FILES)
+        self._totals.files.append(path)
         return path
 
-    def _merge(self, copied: Element, include: Element) -> None:
+    def _merge(self, copied: Element, include: Element, depth: int) -> None:
         """Adds an `<include merge="true">` of an SDF, with a copy of what it includes."""
         path = self._included(self._value(include, include.findtext("uri") or ""))
-        part = _Copier(path, self._packages, self._allowed)
-        part._counts, part._files = self._counts, self._files
+        part = _Copier(path, self._packages, self._allowed, self._totals)
+        part._parts = self._parts
         merged = ElementTree.SubElement(copied, "include", merge="true")
-        ElementTree.SubElement(merged, "uri").text = written_copy(part.copy()).as_uri()
+        ElementTree.SubElement(merged, "uri").text = written_copy(part.copy(depth)).as_uri()
         for child in include:
             if child.tag in ("name", "pose", "placement_frame"):
-                self._fill(ElementTree.SubElement(merged, child.tag), child)
+                self._fill(ElementTree.SubElement(merged, child.tag), child, depth)
 
     def _error(self, problem: str) -> InvalidArgumentError:
         return InvalidArgumentError(f"model: {self._model} {problem}")
 
-    def _fill(self, copied: Element, element: Element) -> None:
+    def _add(self, what: str, most: int) -> None:
+        try:
+            self._totals.add(what, most)
+        except InvalidArgumentError as error:
+            raise self._error(f"has {error}") from error
+
+    def _fill(self, copied: Element, element: Element, depth: int) -> None:
         """Copies what is allowed of an element's attributes, text and children."""
+        self._check_depth(depth)
         for name, value in element.attrib.items():
             if _plain(name) in _ATTRIBUTES:
                 copied.set(_plain(name), self._value(copied, value))
@@ -225,21 +270,18 @@ class _Copier:
         for child in element:
             tag = _plain(child.tag)
             if tag == "include" and self._kind == "sdf" and child.get("merge") == "true":
-                self._merge(copied, child)
+                self._merge(copied, child, depth + 1)
                 continue
             if tag in _REFUSED:
                 raise self._error(f"has <{tag}>; write out what it stands for, in the same file")
             if tag not in _TAGS[self._kind]:
                 self._left_out.update({tag} - {"uri"})  # Of meshes, which get another one.
                 continue
-            what, most = _COUNTED.get(tag, ("", MAX_ELEMENTS))
-            self._counts[what] += 1
-            if self._counts[what] > most:
-                raise self._error(f"has more than {most} {what}; leave some out")
+            self._add(*_COUNTED.get(tag, ("other elements", MAX_ELEMENTS)))
             part = ElementTree.SubElement(copied, tag)
             self._is_visual |= tag == "visual"
             try:
-                self._fill(part, child)
+                self._fill(part, child, depth + 1)
             except _NotShownError as error:
                 if tag != "visual":
                     raise
@@ -267,9 +309,9 @@ class _Copier:
             return
         path = real_path(self._located(name))
         use = path, self._is_visual
-        if use not in self._meshes:
-            self._meshes[use] = self._write_mesh(name, path)
-        written = self._meshes[use]
+        if use not in self._totals.meshes:
+            self._totals.meshes[use] = self._write_mesh(name, path)
+        written = self._totals.meshes[use]
         if key:
             copied.set(key, str(written) if self._kind == "xml" else written.as_uri())
         else:
@@ -292,42 +334,37 @@ class _Copier:
                     raise _NotShownError(f"visual {path.name}")
                 raise InvalidArgumentError(f"it must be one of: {', '.join(MESH_SUFFIXES)}")
             files = [path, *companions(path)]
-            self._files += files
+            self._totals.files += files
             size = sum(file.stat().st_size for file in files if file.is_file())
-            self._check_sum("bytes", size, MAX_PART_BYTES)
+            self._totals.add("bytes of meshes", MAX_PART_BYTES, size)
             pieces = read_pieces(path, colors=True)
             faces = sum(len(piece.mesh.faces) for piece in pieces)
             if not self._is_visual:
-                self._check_sum("triangles", faces, MAX_TRIANGLES)
-            elif self._counts["visual triangles"] + faces > MAX_VISUAL_TRIANGLES:
+                self._totals.add("triangles", MAX_TRIANGLES, faces)
+            elif self._totals.counts["visual triangles"] + faces > MAX_VISUAL_TRIANGLES:
                 raise _NotShownError(f"visual {path.name} of {faces} triangles")
             else:
-                self._counts["visual triangles"] += faces
+                self._totals.counts["visual triangles"] += faces
         except (InvalidArgumentError, OSError) as error:
             raise self._error(f"names {name}: {error}") from error
         written = write_obj(pieces, Path(tempfile.mkdtemp(dir=copies_folder())) / "mesh.obj")
-        self._faces[written.as_uri()] = faces
+        self._totals.faces[written.as_uri()] = faces
         return written
-
-    def _check_sum(self, unit: str, count: int, most: int) -> None:
-        self._counts[unit] += count
-        if self._counts[unit] > most:
-            found = f"{self._counts[unit]} {unit} up to here"
-            raise InvalidArgumentError(f"all meshes together have {found}; at most {most}")
 
     def _check_cells(self, collision: Element) -> None:
         """Refuses hydroelastic geometries that Drake would split into too many cells."""
         parts = [part for shape in collision.iter("geometry") for part in shape.iter()]
         size = max((abs(n) for part in parts for n in _numbers(part)), default=0.0)
+        totals = self._totals
         for hint in collision.iter("drake:mesh_resolution_hint"):
-            self._cells += sum(min(size / max(n, 1e-9), 1e9) ** 2 for n in _numbers(hint))
+            totals.cells += sum(min(size / max(n, 1e-9), 1e9) ** 2 for n in _numbers(hint))
         if any("_hydroelastic" in part.tag for part in collision.iter()):
             uris = [uri for part in parts for uri in (part.text, part.get("filename")) if uri]
-            self._cells += sum(self._faces.get(uri, 0) for uri in uris) / 10
-        if not self._cells <= MAX_CELLS:
+            totals.cells += sum(totals.faces.get(uri, 0) for uri in uris) / 10
+        if not totals.cells <= MAX_CELLS:
             raise self._error(
-                f"has hydroelastic geometries of {self._cells:.0f} cells; at most {MAX_CELLS}: give"
-                " them larger values of <drake:mesh_resolution_hint>, or meshes of fewer triangles"
+                f"has hydroelastic geometries of {totals.cells:.0f} cells; at most {MAX_CELLS}:"
+                " give them larger <drake:mesh_resolution_hint>, or meshes of fewer triangles"
             )
 
 

@@ -9,8 +9,8 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from drake_pregrasp import HandDescription, HandModel, InvalidArgumentError, load_hand
 from drake_pregrasp.config.hand_description import Drive, LockedJoint, Mount
+from drake_pregrasp.diagrams.directive_files import checked_copy
 from drake_pregrasp.diagrams.hand_parsing import add_hand_model
-from drake_pregrasp.diagrams.model_files import checked_model
 
 MJCF = '<mujoco>{}<worldbody><body name="palm"><include file="{}"/></body></worldbody></mujoco>'
 PART = '<mujoco><geom name="pad" type="sphere" size="0.01"/></mujoco>'
@@ -95,7 +95,7 @@ def test_included_parts_of_an_mjcf_are_read_once_from_allowed_folders(tmp_path):
     (model := folder / "hand.xml").write_text(MJCF.format("", "part.xml"))
     (folder / "part.xml").write_text(PART)
     (tmp_path / "secret.xml").write_text("no XML, so reading it is another error")
-    copy = checked_model(model, [folder])
+    copy = checked_copy(model, [folder])
     assert '<body name="palm"><geom name="pad"' in copy.text
     assert set(copy.files) == {model, folder / "part.xml"}
     for text, problem in (
@@ -105,5 +105,5 @@ def test_included_parts_of_an_mjcf_are_read_once_from_allowed_folders(tmp_path):
     ):
         (other := folder / "other.xml").write_text(text)
         with pytest.raises(InvalidArgumentError, match=problem):
-            checked_model(other, [folder])
+            checked_copy(other, [folder])
         other.unlink()

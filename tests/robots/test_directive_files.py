@@ -1,9 +1,11 @@
 """Model directives of hands: what they name is checked, and Drake reads copies only."""
 
 import pytest
+import trimesh
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
+from drake_pregrasp.diagrams import directive_files, model_files
 from drake_pregrasp.diagrams.directive_files import checked_copy
 from drake_pregrasp.errors import InvalidArgumentError
 
@@ -61,4 +63,59 @@ def test_files_elsewhere_and_broken_directives_are_refused_in_one_line(folder, t
     with pytest.raises(InvalidArgumentError, match=problem) as error:
         checked_copy(file, [folder])
     assert "\n" not in str(error.value)
+    assert "own.dmd.yaml" in str(error.value)
+
+
+def test_a_package_around_a_file_that_directives_name_allows_nothing(folder):
+    (outside := folder.parent / "private").mkdir()
+    (outside / "package.xml").write_text("<package><name>private</name></package>")
+    (outside / "part.urdf").write_text(URDF)
+    (outside / "arm.dmd.yaml").write_text(ADD.format("part.urdf"))
+    for text in (ADD.format("../private/part.urdf"), NEST.format("../private/arm.dmd.yaml")):
+        (file := folder / "own.dmd.yaml").write_text(text)
+        with pytest.raises(InvalidArgumentError, match=r"private.* is outside of"):
+            checked_copy(file, [folder])
+        with pytest.raises(InvalidArgumentError, match=r"private.* is outside of"):
+            checked_copy(outside / "part.urdf", [folder])
+        assert checked_copy(file, [folder.parent]).files[-1] == outside / "part.urdf"
+
+
+def test_parts_of_packages_name_files_of_their_own_package(folder):
+    (package := folder / "arm_description").mkdir()
+    (package / "package.xml").write_text("<package><name>arm_description</name></package>")
+    (package / "arm.dmd.yaml").write_text(ADD.format("package://arm_description/part.urdf"))
+    (package / "part.urdf").write_text(URDF)
+    (file := folder / "own.dmd.yaml").write_text(NEST.format("arm_description/arm.dmd.yaml"))
+    assert package / "part.urdf" in checked_copy(file, [folder]).files
+
+
+MODEL = "  - add_model: {{name: m{}, file: {}}}\n"
+PLATE = '<collision><geometry><mesh filename="{}.stl"/></geometry></collision>'
+
+
+@pytest.mark.parametrize(
+    ("models", "links", "plates", "most", "problem"),
+    [
+        (21, 1, 1, {}, "more than 20 files"),
+        (2, 150, 1, {}, "more than 200 links"),
+        (2, 1, 501, {}, "more than 1000 geometries"),
+        (2, 1, 1, {"MAX_TRIANGLES": 12}, "more than 12 triangles"),
+        (2, 1, 1, {"MAX_PART_BYTES": 1000}, "more than 1000 bytes of meshes"),
+        (2, 1, 1, {"MAX_OTHERS": 1}, "more than 1 directives"),
+    ],
+)
+def test_limits_are_for_all_models_together(
+    folder, monkeypatch, models, links, plates, most, problem
+):
+    for name, value in most.items():
+        monkeypatch.setattr(directive_files if name == "MAX_OTHERS" else model_files, name, value)
+    for mesh in "ab":
+        trimesh.creation.box([0.1, 0.1, 0.1]).export(folder / f"{mesh}.stl")  # 684 bytes.
+        inside = PLATE.format(mesh) * plates
+        parts = "".join(f'<link name="l{i}">{inside}</link>' for i in range(links))
+        (folder / f"{mesh}.urdf").write_text(f'<robot name="{mesh}">{parts}</robot>')
+    names = "".join(MODEL.format(i, f"{'ab'[i % 2]}.urdf") for i in range(models))
+    (file := folder / "own.dmd.yaml").write_text(f"directives:\n{names}")
+    with pytest.raises(InvalidArgumentError, match=problem) as error:
+        checked_copy(file, [folder])
     assert "own.dmd.yaml" in str(error.value)

@@ -14,7 +14,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from drake_pregrasp.diagrams import model_files, package_files
-from drake_pregrasp.diagrams.model_files import checked_model
+from drake_pregrasp.diagrams.directive_files import checked_copy
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.resources import resource_folder
 
@@ -31,10 +31,10 @@ MJCF = """<mujoco model="hand"><compiler angle="radian" autolimits="true" meshdi
 FORK = """
 import multiprocessing, os, re, sys
 from pathlib import Path
-from drake_pregrasp.diagrams.model_files import checked_model
+from drake_pregrasp.diagrams.directive_files import checked_copy
 
 model = Path(sys.argv[1])
-meshes = re.findall("[^\\"]*mesh.obj", checked_model(model, [model.parent]).text)
+meshes = re.findall("[^\\"]*mesh.obj", checked_copy(model, [model.parent]).text)
 child = multiprocessing.get_context("fork").Process(target=len, args=("",))
 child.start()
 child.join()
@@ -65,12 +65,12 @@ def test_the_copy_of_the_shipped_hand_says_the_same():
         children = [tree(child) for child in root]
         return root.tag, sorted(root.attrib.items()), (root.text or "").strip(), children
 
-    copy = checked_model(HAND, [HAND.parent])
+    copy = checked_copy(HAND, [HAND.parent])
     assert tree(ElementTree.fromstring(copy.text)) == tree(ElementTree.parse(HAND).getroot())
 
 
 def test_an_mjcf_is_a_hand_too(tmp_path):
-    copy = checked_model(write(tmp_path, MJCF, "own.xml"), [tmp_path])
+    copy = checked_copy(write(tmp_path, MJCF, "own.xml"), [tmp_path])
     assert [file.name for file in copy.files] == ["own.xml", "ball.obj"]
     assert str(tmp_path) not in copy.text
     plant, inspector = load(copy)
@@ -92,7 +92,7 @@ def test_a_mesh_keeps_its_vertices_and_its_colour(tmp_path, suffix):
         f'<robot name="r"><link name="a"><visual><geometry><mesh filename="a{suffix}"/></geometry>'
         "</visual></link></robot>"
     )
-    _, inspector = load(checked_model(tmp_path / "own.urdf", [tmp_path]))
+    _, inspector = load(checked_copy(tmp_path / "own.urdf", [tmp_path]))
     (shape,) = (inspector.GetShape(i) for i in inspector.GetAllGeometryIds(Role.kIllustration))
     written = Path(shape.source().path())
     found = trimesh.load_mesh(written, process=False)
@@ -107,12 +107,12 @@ def test_a_mesh_keeps_its_vertices_and_its_colour(tmp_path, suffix):
 
 def test_a_copy_is_made_anew_when_a_file_has_changed(tmp_path):
     model = write(tmp_path, MJCF, "own.xml")
-    first = checked_model(model)
-    assert checked_model(model) is first
+    first = checked_copy(model)
+    assert checked_copy(model) is first
     trimesh.creation.box([1, 1, 1]).export(tmp_path / "parts" / "ball.obj")
-    assert checked_model(model) is not first
+    assert checked_copy(model) is not first
     with pytest.raises(InvalidArgumentError, match="is outside of"):
-        checked_model(model, [tmp_path / "parts"])
+        checked_copy(model, [tmp_path / "parts"])
 
 
 LINK = '<link name="l{}"/>'
@@ -140,7 +140,7 @@ def test_too_many_elements_are_refused(tmp_path, inside, problem):
     text = f'<sdf version="1.9" xmlns:drake="http://drake.mit.edu"><model name="m">{inside}'
     model = write(tmp_path, text + "</model></sdf>")
     with pytest.raises(InvalidArgumentError, match=problem) as error:
-        checked_model(model)
+        checked_copy(model)
     assert "own.sdf" in str(error.value)
 
 
@@ -151,7 +151,7 @@ def test_too_large_files_are_refused(tmp_path, monkeypatch, name, most):
     module = package_files if hasattr(package_files, name) else model_files
     monkeypatch.setattr(module, name, most)
     with pytest.raises(InvalidArgumentError, match=r"own.xml.* (more than|at most)"):
-        checked_model(write(tmp_path, MJCF, "own.xml"))
+        checked_copy(write(tmp_path, MJCF, "own.xml"))
 
 
 @pytest.mark.slow
@@ -176,7 +176,7 @@ def test_merged_parts_of_an_sdf_are_read_once_from_allowed_folders(tmp_path):
     (folder / "loop.sdf").write_text(MERGED.format("loop.sdf"))
     (tmp_path / "secret.sdf").write_text("no XML, so reading it is another error")
     (model := folder / "own.sdf").write_text(MERGED.format("finger.urdf"))
-    copy = checked_model(model, [folder])
+    copy = checked_copy(model, [folder])
     assert set(copy.files) == {model, folder / "finger.urdf"}
     plant, _ = load(copy)
     assert plant.HasBodyNamed("finger", plant.GetModelInstanceByName("m"))
@@ -187,4 +187,32 @@ def test_merged_parts_of_an_sdf_are_read_once_from_allowed_folders(tmp_path):
     ):
         model.write_text(MERGED.format(name))
         with pytest.raises(InvalidArgumentError, match=problem):
-            checked_model(model, [folder])
+            checked_copy(model, [folder])
+
+
+def test_parts_of_an_sdf_share_the_limit_on_cells(tmp_path):
+    head = '<sdf version="1.9" xmlns:drake="http://drake.mit.edu"><model name="m">'
+    soft = f"<link name='{{}}'>{SOFT.format(0.04)}</collision></link>"  # 625 cells.
+    (tmp_path / "finger.sdf").write_text(head + soft.format("b") + "</model></sdf>")
+    include = '<include merge="true"><uri>finger.sdf</uri></include>'
+    model = write(tmp_path, head + soft.format("a") + include + "</model></sdf>")
+    checked_copy(tmp_path / "finger.sdf")
+    with pytest.raises(InvalidArgumentError, match=r"finger.sdf has .* of 1250 cells"):
+        checked_copy(model)
+
+
+@pytest.mark.parametrize("kind", ["xml", "sdf"])
+def test_levels_of_included_files_add_up(tmp_path, kind):
+    for i in range(20):
+        name = f"part{i + 1}.{kind}"
+        if kind == "xml":
+            inside, around = f'<include file="{name}"/>', ("<mujoco>{}</mujoco>", "body")
+        else:
+            inside = f'<include merge="true"><uri>{name}</uri></include>'
+            around = ('<sdf version="1.9"><model name="m">{}</model></sdf>', "link")
+        text, tag = around
+        nested = f"<{tag}>" * 55 + inside + f"</{tag}>" * 55
+        (tmp_path / f"part{i}.{kind}").write_text(text.format(nested))
+    (tmp_path / f"part20.{kind}").write_text(text.format(""))
+    with pytest.raises(InvalidArgumentError, match="more than 64 levels of elements, with"):
+        checked_copy(tmp_path / f"part0.{kind}")
