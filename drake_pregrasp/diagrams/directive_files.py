@@ -78,15 +78,15 @@ def _copied_directives(file: Path, allowed: Sequence[Path], totals: Totals) -> s
         data = parse_yaml(str(file), read_text(file))
     except ScenarioError as error:
         raise InvalidArgumentError(f"model: {error}") from error
+    copies = []  # And no changes in place, because aliases share mappings.
     for directive in _directives(data, file):
+        copies.append(dict(directive))
         for kind, content in directive.items():
             try:
-                totals.add("directives", MAX_OTHERS)
-                if isinstance(content, dict) and "file" in content:
-                    content["file"] = _copied_file(str(content["file"]), file, allowed, totals)
+                copies[-1][kind] = _copied_content(content, file, allowed, totals)
             except InvalidArgumentError as error:
                 raise InvalidArgumentError(f"model: {file}: {kind}: {error}") from error
-    return dump_yaml(data)
+    return dump_yaml({**data, "directives": copies})
 
 
 def _directives(data: Any, file: Path) -> list[dict[Any, Any]]:
@@ -94,6 +94,16 @@ def _directives(data: Any, file: Path) -> list[dict[Any, Any]]:
     if isinstance(directives, list) and all(isinstance(one, dict) for one in directives):
         return directives
     raise InvalidArgumentError(f"model: {file}: directives: it must be a list of mappings")
+
+
+def _copied_content(content: Any, file: Path, allowed: Sequence[Path], totals: Totals) -> Any:
+    """Returns the content of a directive, which names a copy if it names a file."""
+    totals.add("directives", MAX_OTHERS)
+    if not isinstance(content, dict):
+        raise InvalidArgumentError("it must be a mapping, such as {file: hand.sdf}")
+    if "file" not in content:
+        return content
+    return {**content, "file": _copied_file(str(content["file"]), file, allowed, totals)}
 
 
 def _copied_file(name: str, source: Path, allowed: Sequence[Path], totals: Totals) -> str:

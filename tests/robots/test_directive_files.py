@@ -54,6 +54,8 @@ def test_nested_directives_are_parsed_by_drake_from_copies(folder):
         (NEST.format("../secret.dmd.yaml"), "add_directives: .*secret.dmd.yaml is outside of"),
         (NEST.format("loop.dmd.yaml"), "loop.dmd.yaml is named twice"),
         ("directives: 3", "directives: it must be a list of mappings"),
+        ("directives: [add_model: [{name: a, file: /etc/passwd}]]", "add_model: it must be a map"),
+        ("directives: [add_weld: world]", "add_weld: it must be a mapping"),
         ("directives: [", "is not valid YAML"),
         ("a: &a [*a]", "an alias contains itself"),
     ],
@@ -64,6 +66,20 @@ def test_files_elsewhere_and_broken_directives_are_refused_in_one_line(folder, t
         checked_copy(file, [folder])
     assert "\n" not in str(error.value)
     assert "own.dmd.yaml" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "directives",
+    [
+        "[add_model: &a {name: arm, file: part.urdf}, add_model: *a]",
+        "[&a {add_model: {name: arm, file: part.urdf}}, *a]",
+    ],
+)
+def test_an_alias_names_the_same_file_again(folder, directives):
+    (file := folder / "own.dmd.yaml").write_text(f"directives: {directives}")
+    copy = checked_copy(file, [folder])
+    assert set(copy.files) == {file, folder / "part.urdf"}
+    assert copy.text.count(".urdf") == 2
 
 
 def test_a_package_around_a_file_that_directives_name_allows_nothing(folder):
