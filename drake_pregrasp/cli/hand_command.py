@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from drake_pregrasp.cli.run_command import add_allow_option
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import printable
 from drake_pregrasp.simulation.hand_check import check_hand, description_yaml, hand_page
@@ -23,10 +24,11 @@ def add_command(commands: "argparse._SubParsersAction[Any]") -> None:
     add("file", metavar="FILE", help="description (YAML), or SDF, URDF, MJCF or model directives")
     add("-o", dest="out", metavar="OUT.yaml", help="write the proposed description")
     add("--page", metavar="PAGE.html", help="write a page with the hand, its tips and its reach")
+    add_allow_option(check, "description or the model")
 
 
 def _check(options: argparse.Namespace) -> int:
-    found = check_hand(options.file)
+    found = check_hand(options.file, folders=options.allow)
     for problem in found.problems:
         print(f"{options.file}: {printable(problem)}", file=sys.stderr)
     if found.model is not None:

@@ -183,15 +183,25 @@ def add_scenario_options(parser: argparse.ArgumentParser, *, or_run: bool = Fals
         metavar="YAML",
         help="overrides single keys, for example '{planner: {period: 0.1}}'",
     )
-    add(
+    add_allow_option(parser)
+    add("--simulation_duration", metavar="SECONDS", type=float, help="overrides that key")
+    add("--out", default="runs", metavar="FOLDER", help="folder of run folders (%(default)s)")
+
+
+def add_allow_option(parser: argparse.ArgumentParser, source: str = "scenario") -> None:
+    """Adds --allow.
+
+    Args:
+        parser: Parser of the command.
+        source: What names the files.
+    """
+    parser.add_argument(
         "--allow",
         action="append",
         default=[],
         metavar="FOLDER",
-        help="also allow files of this folder, which the scenario names; repeatable",
+        help=f"also allow files of this folder, which the {source} names; repeatable",
     )
-    add("--simulation_duration", metavar="SECONDS", type=float, help="overrides that key")
-    add("--out", default="runs", metavar="FOLDER", help="folder of run folders (%(default)s)")
 
 
 def _live(options: argparse.Namespace) -> int:

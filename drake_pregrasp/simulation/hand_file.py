@@ -75,12 +75,26 @@ def load_hand(file: str | Path, *, folders: Sequence[str | Path] | None = None) 
     description = load_checked(str(path), "", data, HandDescription())
     allowed = None if folders is None else [path.parent, *map(Path, folders)]
     make_paths_absolute(description, path.parent, allowed=allowed, source=str(path))
-    if allowed is not None and not description.model.startswith((MODELS_URL, ROBOTS_URL)):
+    if allowed is not None:
         try:
-            checked_copy(model_path(description.model), allowed)
+            check_model_files(description.model, allowed)
         except InvalidArgumentError as error:
             raise ScenarioError(str(path), "", str(error)) from error
     return description
+
+
+def check_model_files(model: str, allowed: Sequence[Path]) -> None:
+    """Raises an error if a model, or a file that it names, is not in an allowed folder.
+
+    Args:
+        model: Name of the model, as in `HandDescription.model`.
+        allowed: Folders that the model may be in, or below; see `checked_copy`.
+
+    Raises:
+        InvalidArgumentError: If a file is elsewhere, is too large, or cannot be read.
+    """
+    if not model.startswith((MODELS_URL, ROBOTS_URL)):
+        checked_copy(model_path(model), allowed)
 
 
 def made_hand(

@@ -129,3 +129,19 @@ def test_all_links_and_joints_that_a_model_lacks_are_said_at_once(tmp_path, caps
 def test_a_model_without_fingers_is_refused(model, problem, capsys):
     assert main(["hand", "check", model]) == 2
     assert problem in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_files_elsewhere_are_read_only_if_their_folder_is_allowed(tmp_path, capsys):
+    (own := tmp_path / "own").mkdir()
+    shutil.copy(GRIPPER, tmp_path)
+    description = blocks("own_hand.md", "yaml")[0]
+    (own / "hand.yaml").write_text(description.replace("gripper.urdf", "../gripper.urdf"))
+    directives = "directives: [add_model: {name: hand, file: ../gripper.urdf}]"
+    for name in ("hand.dmd.yaml", "hand.dmd.yml"):
+        (own / name).write_text(directives)
+    for file in own.iterdir():
+        assert main(["hand", "check", str(file)]) == 2
+        assert f"--allow {tmp_path}" in capsys.readouterr().err
+        allowed = main(["hand", "check", str(file), "--allow", str(tmp_path)])
+        assert allowed == 0, capsys.readouterr().err
