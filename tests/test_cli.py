@@ -156,3 +156,30 @@ def test_a_reader_who_has_enough_of_the_output_is_no_fault():
         process.stdout.close()
         assert process.stderr.read() == b""
     assert process.returncode == 141
+
+
+def test_export_and_replay_refuse_options_without_effect(tmp_path, capsys):
+    (tmp_path / "scenario.yaml").write_text("own: {}")
+    for line, problem in (
+        ("export {} --scenario_text {{}}", "--scenario_text: has no effect on a run folder"),
+        ("export {} --scenario_file own.yaml", "--scenario_file: has no effect on a run folder"),
+        ("export {} --simulation_duration 9", "--simulation_duration: has no effect on a run"),
+        ("export {} --out other", "--out: has no effect on a run folder"),
+        ("replay {} --postures --out other", "--out: has no effect on the test of postures"),
+        ("replay {} --postures", "has no hand"),
+        ("replay {}", "has no hand"),
+    ):
+        assert main(shlex.split(line.format(tmp_path))) == 2
+        assert problem in capsys.readouterr().err
+
+
+def test_replay_reads_files_of_allowed_folders(tmp_path, capsys):
+    (folder := tmp_path / "run").mkdir()
+    (tmp_path / "own.obj").write_text("no mesh")
+    (folder / "scenario.yaml").write_text("own: {object: !Mesh {file: ../own.obj}}")
+    assert main(["replay", str(folder)]) == 2
+    assert f"--allow {tmp_path}" in capsys.readouterr().err
+    assert main(["replay", str(folder), "--allow", str(tmp_path)]) == 2
+    error = capsys.readouterr().err
+    assert "own.obj" in error
+    assert "--allow" not in error

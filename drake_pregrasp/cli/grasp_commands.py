@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from drake_pregrasp.cli.run_command import (
+    OUT,
+    add_allow_option,
     add_scenario_options,
     grasp_in_words,
     load_chosen,
@@ -37,12 +39,14 @@ def add_commands(commands: "argparse._SubParsersAction[Any]") -> None:
     add("run", metavar="RUN", type=Path, help="run folder")
     add("--engine", choices=ENGINES, default=MUJOCO, help="what simulates it (%(default)s)")
     add("--postures", action="store_true", help="test the exported postures by DexGraspBench")
-    add("--out", default="runs", metavar="FOLDER", help="folder of run folders (%(default)s)")
+    add_allow_option(replay)
+    add("--out", default=OUT, metavar="FOLDER", help="folder of run folders (%(default)s)")
 
 
 def _export(options: argparse.Namespace) -> int:
     folder = Path(options.scenario or "")
     if options.scenario and (folder / _SCENARIO).is_file():
+        _refuse(options, "a run folder", "scenario_file", "scenario_text", "simulation_duration")
         resolved = load_resolved(file=folder / _SCENARIO, folders=options.allow)
     else:
         name, resolved = load_chosen(options)
@@ -62,12 +66,16 @@ def _replay(options: argparse.Namespace) -> int:
     folder: Path = options.run
     if not (folder / _SCENARIO).is_file():
         raise InvalidArgumentError(f"{folder}: is no run folder: it has no {_SCENARIO}")
+    if options.postures:
+        _refuse(options, "the test of postures")
+        if options.engine != MUJOCO:
+            raise InvalidArgumentError(f"--postures: tested by {MUJOCO}, not by {options.engine}")
     text = f"{{engine: {options.engine}}}"
-    resolved = load_resolved(file=folder / _SCENARIO, text=text)
+    resolved = load_resolved(file=folder / _SCENARIO, text=text, folders=options.allow)
+    if resolved.hand is None:
+        raise InvalidArgumentError(f"{folder}: has no hand, so there is no grasp to repeat")
     if options.postures:
         return _test_postures(options, resolved)
-    if resolved.hand is None:
-        raise InvalidArgumentError(f"{folder}: has no hand, so there is no grasp to compare")
     name = f"{folder.resolve().name}-{options.engine}"
     with stop_on_signals() as should_stop:
         done = run(resolved, name=name, out=options.out, should_stop=should_stop, recording=False)
@@ -80,6 +88,14 @@ def _replay(options: argparse.Namespace) -> int:
     print(f"verdicts    {agree}")
     print(f"results in {done.folder}")
     return 0
+
+
+def _refuse(options: argparse.Namespace, where: str, *names: str) -> None:
+    """Refuses options without effect, if they are given, and --out."""
+    given = [name for name in names if getattr(options, name) is not None]
+    given += ["out"] * (options.out != OUT)
+    if given:
+        raise InvalidArgumentError(f"--{given[0]}: has no effect on {where}; leave it out")
 
 
 def _grasp(folder: Path) -> dict[str, Any]:
@@ -98,8 +114,6 @@ def _is_held(grasp: Mapping[str, Any]) -> bool:
 
 
 def _test_postures(options: argparse.Namespace, resolved: ResolvedScenario) -> int:
-    if options.engine != MUJOCO:
-        raise InvalidArgumentError(f"--postures: are tested by {MUJOCO}, not by {options.engine}")
     results = posture_test(resolved, read_postures(options.run / EXPORT_FILE))
     for result in results:
         x, y, z = result.direction

@@ -24,6 +24,9 @@ from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
 from drake_pregrasp.systems.loggers import TickRecord
 from drake_pregrasp.systems.run_timeline import MEASURES
 
+OUT = "runs"
+"""Default folder of run folders."""
+
 _NOISE = 1e-4  # Share of a measure by which noise may change it.
 _DOUBTFUL = 0.5  # Share of tracked ticks below which a run says so.
 
@@ -185,7 +188,7 @@ def add_scenario_options(parser: argparse.ArgumentParser, *, or_run: bool = Fals
     )
     add_allow_option(parser)
     add("--simulation_duration", metavar="SECONDS", type=float, help="overrides that key")
-    add("--out", default="runs", metavar="FOLDER", help="folder of run folders (%(default)s)")
+    add("--out", default=OUT, metavar="FOLDER", help="folder of run folders (%(default)s)")
 
 
 def add_allow_option(parser: argparse.ArgumentParser, source: str = "scenario") -> None:
