@@ -86,19 +86,22 @@ class MujocoPlant(LeafSystem):
         super().__init__()
         self._mujoco, self._plant = import_mujoco(), plant
         self._own = own = mujoco_model(plant, inspector, pieces)
-        self._scratch = data = self._mujoco.MjData(own.model)
+        data = self._mujoco.MjData(own.model)
         data.qpos[own.q] = plant.GetPositions(plant.CreateDefaultContext())
         if velocities is not None:
             self._set_velocities(data, velocities)
         data.ctrl[:] = own.gains[:, 0] * data.qpos[own.driven]
         self._signature = self._mujoco.mjtState.mjSTATE_INTEGRATION
         self._state = self.DeclareDiscreteState(self._state_of(data))
+        tickets, model_value = {self.discrete_state_ticket(self._state)}, AbstractValue.Make(data)
         producer = ValueProducer(
-            lambda: AbstractValue.Make(self._mujoco.MjData(own.model)),
+            model_value.Clone,
             lambda context, value: self._forward(context, value.get_mutable_value()),
         )
-        tickets = {self.discrete_state_ticket(self._state)}
         self._data = self.DeclareCacheEntry("MjData of the state", producer, tickets)
+        # Each Context keeps one for updates, because its allocation is slow.
+        unused = ValueProducer(model_value.Clone, ValueProducer.NoopCalc)
+        self._scratch = self.DeclareCacheEntry("MjData", unused, {self.nothing_ticket()})
         forces = AbstractValue.Make([ExternallyAppliedSpatialForce()])
         self._forces = self.DeclareAbstractInputPort("applied_spatial_force", forces)
         self._desired: dict[ModelInstanceIndex, tuple[InputPort, list[int]]] = {}
@@ -163,10 +166,11 @@ class MujocoPlant(LeafSystem):
         return state
 
     def _read(self, context: Context) -> Any:
-        """Returns data with the state of a Context only, for changes."""
+        """Returns the Context's data for changes, with nothing but its state."""
+        data = self._scratch.get_mutable_cache_entry_value(context).GetMutableValueOrThrow()
         state = context.get_discrete_state(self._state).value()
-        self._mujoco.mj_setState(self._own.model, self._scratch, state, self._signature)
-        return self._scratch
+        self._mujoco.mj_setState(self._own.model, data, state, self._signature)
+        return data
 
     def _forward(self, context: Context, data: Any) -> None:
         """Computes poses, contacts and forces of the state."""

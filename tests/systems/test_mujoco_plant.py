@@ -1,5 +1,7 @@
 """MuJoCo's model of a plant equals the plant, and obeys the laws of mechanics."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from conftest import usable_hands
@@ -14,6 +16,7 @@ from pydrake.multibody.plant import (
 )
 from pydrake.multibody.tree import BodyIndex, ScrewJoint
 from pydrake.planning import RobotDiagramBuilder
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from scipy.spatial.transform import Rotation
 
@@ -179,6 +182,7 @@ def sliding(config, speed):
     system = MujocoPlant(plant, scene_graph.model_inspector(), velocities=v)
     driven = Driven(system)
     geometries = plant.GetCollisionGeometriesForBody(body)
+    driven.instance = body.model_instance()
     driven.body, driven.geometries = int(body.index()), [g.get_value() for g in geometries]
     driven.owner = builder.Build()  # Keeps the plant alive.
     return driven
@@ -246,6 +250,28 @@ def test_a_context_holds_all_that_a_trajectory_depends_on():
     driven.simulator.Initialize()
     driven.advance(0.1)
     np.testing.assert_array_equal(driven.array("state"), first)
+
+
+def test_contexts_advance_in_threads_as_they_do_alone():
+    one = sliding(Box(), 0.5)
+    other = Simulator(one.system, one.system.CreateDefaultContext())
+    velocities = np.array([0.0, 0.0, 3.0, 0.0, 0.3, 0.0])
+    one.system.SetVelocities(other.get_mutable_context(), one.instance, velocities)
+    simulators, seconds = [one.simulator, other], np.arange(1, 101) * TIME_STEP
+    starts = [simulator.get_context().Clone() for simulator in simulators]
+
+    def states(k):
+        context, found = simulators[k].get_mutable_context(), []
+        context.SetTimeStateAndParametersFrom(starts[k])
+        simulators[k].Initialize()
+        for time in seconds:
+            simulators[k].AdvanceTo(time)
+            found.append(one.system.GetOutputPort("state").Eval(context))
+        return found
+
+    alone = [states(k) for k in range(2)]
+    with ThreadPoolExecutor(2) as pool:
+        np.testing.assert_array_equal(list(pool.map(states, range(2))), alone)
 
 
 def test_a_joint_without_counterpart_is_named():
