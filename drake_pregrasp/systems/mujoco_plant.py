@@ -185,10 +185,11 @@ class MujocoPlant(LeafSystem):
             q[actuators], v[actuators] = port.Eval(context).reshape(2, -1)
         self._apply_forces(context, data)
         stiffness, damping = own.gains.T
-        for left in range(own.substeps, 0, -1):
+        for left in range(own.substeps, -1, -1):
             now = q - left * own.model.opt.timestep * v
             data.ctrl[:] = stiffness * now + damping * v
-            self._mujoco.mj_step(own.model, data)
+            if left:  # The forces of the new state are those of the targets at its time.
+                self._mujoco.mj_step(own.model, data)
         discrete_state.set_value(self._state, self._state_of(data))
 
     def _apply_forces(self, context: Context, data: Any) -> None:

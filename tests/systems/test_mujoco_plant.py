@@ -14,7 +14,7 @@ from pydrake.multibody.plant import (
     ExternallyAppliedSpatialForce,
     MultibodyPlantConfig,
 )
-from pydrake.multibody.tree import BodyIndex, ScrewJoint
+from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex, ScrewJoint
 from pydrake.planning import RobotDiagramBuilder
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
@@ -93,6 +93,30 @@ def test_limits_and_drives_are_those_of_the_plant(hand):
         asked = -gains.p * q[joint.position_start()] - gains.d * v[joint.velocity_start()]
         most = actuator.effort_limit()
         assert data.actuator_force[k] == pytest.approx(np.clip(asked, -most, most))
+
+
+def test_actuation_is_that_of_the_desired_state_at_its_time(hand):
+    _, plant, _, diagram = hand
+    system = MujocoPlant(plant, diagram.scene_graph().model_inspector())
+    driven, instances = Driven(system), range(plant.num_model_instances())
+    order, expected = plant.GetJointActuatorIndices(), []
+    for instance in map(ModelInstanceIndex, instances):
+        if own := plant.GetJointActuatorIndices(instance):
+            name = f"{plant.GetModelInstanceName(instance)}_desired_state"
+            start = [plant.get_joint_actuator(k).joint().default_positions()[0] for k in own]
+            driven.fix(**{name: np.append(start, np.full(len(own), 0.1))})
+    driven.update()
+    q, v = np.split(driven.array("state"), [plant.num_positions()])
+    for actuator in map(plant.get_joint_actuator, order):
+        gains, joint, most = (
+            actuator.get_controller_gains(),
+            actuator.joint(),
+            actuator.effort_limit(),
+        )
+        force = gains.p * (joint.default_positions()[0] - q[joint.position_start()])
+        force += gains.d * (0.1 - v[joint.velocity_start()])
+        expected.append(np.clip(force, -most, most))
+    np.testing.assert_allclose(driven.array("net_actuation"), expected, rtol=1e-9, atol=1e-9)
 
 
 def test_fingertips_and_mass_matrix_are_those_of_the_plant(hand):
