@@ -1,8 +1,8 @@
 """Model of MuJoCo with the bodies of a MultibodyPlant (extra `mujoco`).
 
-Bodies, joints, inertias, drives and collision geometries are the same. Only pairs of geometries
-collide that the filters of SceneGraph let through, with the friction that Drake gives to the pair.
-The model of contact is MuJoCo's own.
+Bodies, joints and their couplers, inertias, drives and collision geometries are the same. Only
+pairs of geometries collide that the filters of SceneGraph let through, with the friction that Drake
+gives to the pair. The model of contact is MuJoCo's own.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,6 +21,7 @@ from pydrake.geometry import (
 )
 from pydrake.geometry import Shape as DrakeShape
 from pydrake.math import RigidTransform
+from pydrake.multibody.inverse_kinematics import AddMultibodyPlantConstraints
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
     Joint,
@@ -31,6 +32,7 @@ from pydrake.multibody.tree import (
     RigidBody,
     WeldJoint,
 )
+from pydrake.solvers import MathematicalProgram
 
 from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.errors import InvalidArgumentError, first_line
@@ -44,11 +46,12 @@ LONGEST_STEP = 5e-4
 # Contact settles critically damped within 5 ms, and is as hard as DexGraspBench's.
 _SOLREF = (0.005, 1.0)
 _SOLIMP = (0.5, 0.99, 1e-4, 0.5, 2.0)
+_COUPLER_SOLIMP = (0.99, 0.999, 1e-3, 0.5, 2.0)  # Harder than contact.
 _IMPRATIO = 10.0  # Of the impedances along and across the contact surface, as DexGraspBench's.
 _NOSLIP_ITERATIONS = 3  # Against the creep of soft friction.
 _CONDIM = 3  # Contacts resist sliding, but neither twisting nor rolling, as points do in Drake.
-_STIFF_RATIO = 4.0  # Of d h / I, above which a drive gets so much inertia that it has the next one.
-_INERT_RATIO = 0.1
+_STIFF_RATIO = 4.0  # Of d h / I, above which the inertia I of a drive is raised.
+_INERT_RATIO = 0.1  # Of d h / I, to which it is then raised.
 _UNLIMITED = 1e9  # Of a joint that is limited on its other side only, in metres or radians.
 
 
@@ -87,8 +90,8 @@ def mujoco_model(
         pieces: Convex pieces of geometries; other meshes collide as their convex hulls.
 
     Raises:
-        InvalidArgumentError: If mujoco is not installed, a joint has no counterpart in MuJoCo, or
-            MuJoCo refuses the model.
+        InvalidArgumentError: If mujoco is not installed, a joint or a constraint has no counterpart
+            in MuJoCo, or MuJoCo refuses the model.
     """
     mujoco = import_mujoco()
     spec = mujoco.MjSpec()
@@ -104,6 +107,7 @@ def mujoco_model(
     for joint in _outward_joints(plant, plant.world_body()):
         parent = bodies[joint.parent_body().index()]
         bodies[joint.child_body().index()] = _add_body(mujoco, plant, parent, joint)
+    _add_couplers(mujoco, spec, plant)
     names = _add_geometries(mujoco, spec, plant, inspector, bodies, pieces or {})
     actuators = [plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices()]
     inertias = np.diag(plant.CalcMassMatrix(plant.CreateDefaultContext()))
@@ -168,8 +172,8 @@ def _add_body(mujoco: Any, plant: MultibodyPlant, parent: Any, joint: Joint) -> 
         X_FM = joint.GetPose(plant.CreateDefaultContext())
     X_BM = joint.frame_on_child().GetFixedPoseInBodyFrame()
     X_PB = joint.frame_on_parent().GetFixedPoseInBodyFrame() @ X_FM @ X_BM.inverse()
-    is_floating = plant.is_gravity_enabled(body.model_instance())
-    added = parent.add_body(name=_name(body), gravcomp=float(not is_floating), **_place(X_PB))
+    has_gravity = plant.is_gravity_enabled(body.model_instance())
+    added = parent.add_body(name=_name(body), gravcomp=float(not has_gravity), **_place(X_PB))
     M_BBo_B = body.default_spatial_inertia()
     if M_BBo_B.get_mass() > 0:
         p_BoBcm_B = M_BBo_B.get_com()
@@ -196,6 +200,37 @@ def _add_body(mujoco: Any, plant: MultibodyPlant, parent: Any, joint: Joint) -> 
             " prismatic, revolute and floating ones only"
         )
     return added
+
+
+def _add_couplers(mujoco: Any, spec: Any, plant: MultibodyPlant) -> None:
+    """Adds couplers q_0 = rho q_1 + delta of two joints, such as those of `<mimic>` in a URDF."""
+    # Drake's Python interface has constraints on positions, but not their parameters.
+    program, context = MathematicalProgram(), plant.CreateDefaultContext()
+    positions = program.NewContinuousVariables(plant.num_positions())
+    try:
+        AddMultibodyPlantConstraints(plant, positions, program, context)
+    except RuntimeError as error:
+        raise InvalidArgumentError(
+            f"MuJoCo cannot simulate the model: {first_line(error)}"
+        ) from error
+    couplers = program.linear_equality_constraints()
+    if others := plant.num_constraints() - len(couplers):
+        raise InvalidArgumentError(
+            f"{others} of the model's constraints do not couple two joints; MuJoCo can simulate"
+            " couplers only"
+        )
+    joints = map(plant.get_joint, plant.GetJointIndices())
+    names = {joint.position_start(): _name(joint) for joint in joints if joint.num_positions()}
+    for coupler in couplers:
+        (row,), (offset,) = coupler.evaluator().GetDenseA(), coupler.evaluator().lower_bound()
+        own, other = np.argsort(-np.abs(row))  # a_0 q_0 + a_1 q_1 = b, with |a_0| >= |a_1|
+        name_0, name_1 = (
+            names[program.FindDecisionVariableIndex(coupler.variables()[k])] for k in (own, other)
+        )
+        added = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT)
+        added.name1, added.name2 = name_0, name_1
+        added.data[:2] = offset / row[own], -row[other] / row[own]
+        added.solref, added.solimp = _SOLREF, _COUPLER_SOLIMP
 
 
 def _place(X: RigidTransform) -> dict[str, FloatArray]:

@@ -14,7 +14,7 @@ from pydrake.multibody.plant import (
     ExternallyAppliedSpatialForce,
     MultibodyPlantConfig,
 )
-from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex, ScrewJoint
+from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex, PdControllerGains, ScrewJoint
 from pydrake.planning import RobotDiagramBuilder
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
@@ -296,6 +296,68 @@ def test_contexts_advance_in_threads_as_they_do_alone():
     alone = [states(k) for k in range(2)]
     with ThreadPoolExecutor(2) as pool:
         np.testing.assert_array_equal(list(pool.map(states, range(2))), alone)
+
+
+MIMIC = """
+<robot name="pair">
+  <link name="palm"/>
+  <link name="leader">{inertial}</link>
+  <link name="follower">{inertial}</link>
+  <joint name="lead" type="revolute">
+    <parent link="palm"/> <child link="leader"/> <axis xyz="0 1 0"/>
+    <limit lower="-1" upper="1" effort="10" velocity="10"/>
+  </joint>
+  <joint name="follow" type="revolute">
+    <parent link="palm"/> <child link="follower"/> <axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2" effort="10" velocity="10"/>
+    <mimic joint="lead" multiplier="-1.5" offset="0.2"/>
+  </joint>
+</robot>
+"""
+INERTIAL = """
+<inertial>
+  <origin xyz="0 0 0.05"/> <mass value="0.1"/>
+  <inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/>
+</inertial>
+"""
+
+
+def coupled_plant():
+    """A driven joint and one that is coupled to it, against gravity."""
+    builder = RobotDiagramBuilder(time_step=TIME_STEP)
+    plant = builder.plant()
+    builder.parser().AddModelsFromString(MIMIC.format(inertial=INERTIAL), "urdf")
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("palm"))
+    drive = plant.AddJointActuator("drive", plant.GetJointByName("lead"))
+    drive.set_controller_gains(PdControllerGains(p=20.0, d=0.5))
+    return plant, builder
+
+
+def test_a_mimic_joint_follows_its_joint_as_in_drake():
+    plant, builder = coupled_plant()
+    plant.Finalize()
+    diagram = builder.Build()
+    in_mujoco = Driven(MujocoPlant(plant, diagram.scene_graph().model_inspector()))
+    in_mujoco.fix(pair_desired_state=[0.5, 0.0])
+    in_mujoco.advance(1.0)
+    simulator = Simulator(diagram)
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    instance = plant.GetModelInstanceByName("pair")
+    plant.get_desired_state_input_port(instance).FixValue(context, [0.5, 0.0])
+    simulator.AdvanceTo(1.0)
+    found = in_mujoco.array("state")
+    assert found[1] == pytest.approx(-1.5 * found[0] + 0.2, abs=1e-3)
+    np.testing.assert_allclose(found, plant.GetPositionsAndVelocities(context), atol=2e-3)
+
+
+def test_a_constraint_without_counterpart_is_refused():
+    plant, builder = coupled_plant()
+    one, other = plant.GetBodyByName("leader"), plant.GetBodyByName("follower")
+    plant.AddBallConstraint(one, [0.0, 0.0, 0.1], other, [0.0, 0.0, 0.1])
+    plant.Finalize()
+    diagram = builder.Build()
+    with pytest.raises(InvalidArgumentError, match="1 of the model's constraints do not couple"):
+        mujoco_model(plant, diagram.scene_graph().model_inspector())
 
 
 def test_a_joint_without_counterpart_is_named():
