@@ -88,13 +88,10 @@ def _joint_names(plant: MultibodyPlant) -> list[str]:
 
 def _postures(resolved: ResolvedScenario, motion: Mapping[str, Any]) -> dict[str, Any]:
     """Returns the postures before closing, at the touch, and at the end of the squeeze."""
-    phase = motion["phase"]
-    starts = [np.flatnonzero(phase == p) for p in (GraspPhase.CLOSE, GraspPhase.SQUEEZE)]
-    lift = np.flatnonzero(phase == GraspPhase.LIFT)
-    if not len(lift):
+    if not np.any(motion["phase"] == GraspPhase.LIFT):
         why = str(motion["gave_up"]) or "it did not lift the object in the time of the scenario"
         raise InvalidArgumentError(f"the hand has no grasp to export: {why}")
-    ticks = int(starts[0][0]) - 1, int(starts[1][0]), int(lift[0])
+    ticks = posture_ticks(motion["phase"])
     found = motion["q_desired"][ticks[0]], motion["q"][ticks[1]], motion["q_desired"][ticks[2]]
     assert resolved.hand is not None
     palm = palm_body(resolved)
@@ -106,6 +103,25 @@ def _postures(resolved: ResolvedScenario, motion: Mapping[str, Any]) -> dict[str
         arrays[f"{name}_X_WO"] = motion["X_WO"][tick]
         arrays[f"{name}_X_WP"] = pose_values(plant.EvalBodyPoseInWorld(context, palm))
     return arrays
+
+
+def posture_ticks(phase: FloatArray) -> tuple[int, int, int]:
+    """Returns the ticks of the postures of the grasp that lifts first.
+
+    Earlier attempts of the same run may have closed, and given way.
+
+    Args:
+        phase: Phase at each tick, shape (k,), of a run that lifts.
+    """
+    lift = int(np.argmax(phase == GraspPhase.LIFT))
+    squeeze = _last_start(phase[:lift], GraspPhase.SQUEEZE)
+    close = _last_start(phase[:squeeze], GraspPhase.CLOSE)
+    return max(0, close - 1), squeeze, lift
+
+
+def _last_start(phase: FloatArray, wanted: GraspPhase) -> int:
+    starts = (phase == wanted) & (np.diff(phase, prepend=np.nan) != 0)
+    return int(np.flatnonzero(starts)[-1])
 
 
 def palm_body(resolved: ResolvedScenario) -> RigidBody:

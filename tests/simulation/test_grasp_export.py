@@ -6,8 +6,16 @@ import pytest
 from drake_pregrasp import InvalidArgumentError, load_resolved
 from drake_pregrasp.cli import main
 from drake_pregrasp.grasping.grasp_state import GraspPhase
-from drake_pregrasp.simulation.grasp_export import POSTURES, export_grasp, read_postures
+from drake_pregrasp.simulation.grasp_export import (
+    POSTURES,
+    export_grasp,
+    posture_ticks,
+    read_postures,
+)
 from drake_pregrasp.simulation.posture_test import FORCE, MASS, posture_test
+
+TRACK, CLOSE, SQUEEZE = GraspPhase.TRACK, GraspPhase.CLOSE, GraspPhase.SQUEEZE
+LIFT, HOLD = GraspPhase.LIFT, GraspPhase.HOLD
 
 
 @pytest.fixture(scope="module")
@@ -55,6 +63,20 @@ def test_postures_hold_in_six_directions_but_not_with_an_open_hand(grasp, export
     # Nothing is under the object, so the force accelerates it for two seconds.
     assert not down.held
     assert down.moved == pytest.approx(FORCE / MASS * 2.0**2 / 2, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("phase", "ticks"),
+    [
+        ([TRACK, TRACK, CLOSE, CLOSE, SQUEEZE, LIFT, HOLD], (1, 4, 5)),
+        ([TRACK, CLOSE, TRACK, TRACK, CLOSE, SQUEEZE, SQUEEZE, LIFT], (3, 5, 7)),
+        ([TRACK, CLOSE, SQUEEZE, TRACK, CLOSE, SQUEEZE, LIFT, HOLD], (3, 5, 6)),
+        ([CLOSE, CLOSE, SQUEEZE, LIFT], (0, 2, 3)),
+        ([TRACK, CLOSE, SQUEEZE, LIFT, TRACK, CLOSE, SQUEEZE, LIFT], (0, 2, 3)),
+    ],
+)
+def test_postures_are_those_of_the_attempt_that_lifts(phase, ticks):
+    assert posture_ticks(np.array(phase, dtype=float)) == ticks
 
 
 def test_postures_of_another_hand_are_refused(grasp, exported):
