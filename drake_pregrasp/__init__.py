@@ -38,7 +38,7 @@ from drake_pregrasp.geometry.mesh_surface import mesh_surface
 from drake_pregrasp.geometry.shapes import load_shape
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.geometry.surface import ForbiddenPoints, ObjectSurface
-from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase
+from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, describe_give_up
 from drake_pregrasp.regions.capability_weights import capability_weights
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
@@ -142,6 +142,7 @@ __all__ = [
     "choose_approach",
     "complete_hand_model",
     "compute_safe_regions",
+    "describe_give_up",
     "hand_limits",
     "load_hand",
     "load_resolved",

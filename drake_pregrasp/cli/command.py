@@ -153,12 +153,12 @@ def _list(options: argparse.Namespace) -> int:
 
 def _repair(options: argparse.Namespace) -> int:
     source = Path(options.file)
-    target = Path(options.out or source.with_name(f"{source.stem}_repaired.obj"))
-    if target.suffix.lower() != ".obj":
-        raise OutputError(f"{target}: must end with .obj")
+    if options.out and not options.out.lower().endswith(".obj"):
+        raise OutputError(f"{options.out}: must end with .obj")
     repair = repair_mesh(source)
+    target = Path(options.out or source.with_name(f"{source.stem}_repaired.obj"))
     text = repair.mesh.export(file_type="obj", digits=9, include_normals=False)
-    write_named_text(target, str(text))
+    write_named_text(target, str(text), replace=False)
     if repair.left_out:
         print(f"left out    {repair.left_out} surfaces that could not be closed")
     print(f"area        {repair.old_area:.4g}, now {repair.area:.4g}")

@@ -34,12 +34,12 @@ def _check(options: argparse.Namespace) -> int:
     if found.model is not None:
         _print_hand(found.model)
         if options.page:
-            write_named_text(Path(options.page), hand_page(found.model))
+            write_named_text(Path(options.page), hand_page(found.model), replace=False)
             print(f"page in {options.page}: open it in a browser")
     if found.description is not None and found.is_proposal:
         text = description_yaml(found.description, Path(options.out or ".").parent)
         if options.out:
-            write_named_text(Path(options.out), text)
+            write_named_text(Path(options.out), text, replace=False)
             print(f"description in {options.out}")
         else:
             print(text, end="")

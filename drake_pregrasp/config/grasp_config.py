@@ -180,10 +180,13 @@ class GraspConfig:
         closing = settings.closing_duration + settings.squeeze_duration
         return self.close_at + settings.gate_limit + closing + settings.stop_duration
 
+    def largest_forces(self, fingertips: Sequence[Fingertip]) -> list[float]:
+        """Returns the largest normal force of each finger, in newtons."""
+        return [min(self.largest_force, tip.closing.force) for tip in fingertips]
+
     def largest_lift(self, fingertips: Sequence[Fingertip]) -> float:
         """Returns the largest weight that fingers can hold by friction alone, in newtons."""
-        forces = [min(self.largest_force, tip.closing.force) for tip in fingertips]
-        return sum(forces) * self.planned_friction
+        return sum(self.largest_forces(fingertips)) * self.planned_friction
 
 
 def hand_limits(hand: HandDescription, grasp: GraspConfig, *, reach: bool = True) -> LimitsConfig:

@@ -209,7 +209,7 @@ def AddHandController(
             palm over the object.
     """
     config = config or GraspConfig()
-    instances = HandInstances(plant, [robot] if isinstance(robot, ModelInstanceIndex) else robot)
+    instances = HandInstances(plant, robot)
     for key, problem in start_grasp.grasp_problems(
         config, planner, hand, mass=mass, time_step=plant.time_step()
     ):

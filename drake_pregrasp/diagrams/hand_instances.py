@@ -24,13 +24,17 @@ class HandInstances:
 
     Args:
         plant: Plant with the hand.
-        instances: Model instances of the hand and of what carries it.
+        instances: Model instances of the hand and of what carries it, or the only one.
 
     Raises:
         InvalidArgumentError: If the plant has no such model instance.
     """
 
-    def __init__(self, plant: MultibodyPlant, instances: Sequence[ModelInstanceIndex]) -> None:
+    def __init__(
+        self, plant: MultibodyPlant, instances: ModelInstanceIndex | Sequence[ModelInstanceIndex]
+    ) -> None:
+        if isinstance(instances, ModelInstanceIndex):
+            instances = [instances]
         self.plant, self.instances = plant, list(instances)
         there = [ModelInstanceIndex(i) for i in range(plant.num_model_instances())]
         for index in self.instances:

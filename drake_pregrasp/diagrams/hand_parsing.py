@@ -88,7 +88,7 @@ def add_hand_model(
 def complete_hand_model(
     plant: MultibodyPlant,
     description: HandDescription,
-    robot: Sequence[ModelInstanceIndex],
+    robot: ModelInstanceIndex | Sequence[ModelInstanceIndex],
     yaw_range: tuple[float, float] = FREE_TURN,
     X_WB: RigidTransform | None = None,
 ) -> None:
@@ -115,7 +115,7 @@ def complete_hand_model(
     except (RuntimeError, ValueError) as error:
         problem = f"model: {description.model}: {first_line(error)}"
         raise InvalidArgumentError(problem) from error
-    for instance in robot:
+    for instance in hand.instances:
         plant.set_gravity_enabled(instance, False)
     if isinstance(description.base, Carrier) and yaw_range != FREE_TURN:
         joint = hand.joint(description.base.joints[-1], "base.joints")

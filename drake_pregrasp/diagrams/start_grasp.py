@@ -262,10 +262,11 @@ def grasp_problems(
         yield "grasp.touch_force", problem
     weight, lift = GRAVITY * mass, config.largest_lift(hand.fingertips)
     if lift < weight:
-        fingers = len(hand.fingertips)
-        problem = f"{fingers} fingers of {config.largest_force} N hold {lift:.3g} N with friction"
-        problem = f"{problem} {config.planned_friction}; the object weighs {weight:.3g} N"
-        yield "grasp.largest_force", problem
+        forces = config.largest_forces(hand.fingertips)
+        fingers = f"fingers of {', '.join(f'{force:g}' for force in forces)} N"
+        problem = f"{fingers} hold {lift:.3g} N with friction {config.planned_friction}"
+        key = "grasp.largest_force" if max(forces) == config.largest_force else "hand.file"
+        yield key, f"{problem}; the object weighs {weight:.3g} N"
 
 
 def check_count(hand: HandDescription, count: int) -> None:

@@ -10,14 +10,16 @@ from scipy.spatial import cKDTree
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.meshes import read_pieces
 from drake_pregrasp.geometry.resting import check_installed
+from drake_pregrasp.geometry.sampling import split_triangles
 from drake_pregrasp.geometry.shapes import checked_mesh, scaled_whole
 from drake_pregrasp.geometry.surface import closest_points
 
 _GROWTH = 1e-4  # Of surfaces that are united, as a share of the extent: touching ones then cross.
 _CHECKED_EXTENT = 0.1  # Extent of the mesh while it is checked, in metres.
-_SAMPLES = 20_000  # Points of the old surface, and below of the new one, for their distance.
-_NEW_SAMPLES = 5_000
-_NEAR = 32  # Points of the old surface near a new one, whose triangles may be the nearest.
+_SAMPLES = 5_000  # Points of the new surface whose distances to the old one are computed.
+_PARTS_ALONG = 100  # Least number of parts of the old surface along its extent.
+_NEAR = 16  # Parts of the old surface near a point, whose triangles may be the nearest.
+_CHUNK = 20_000  # Points at a time, which bounds the memory.
 _LEAST_AREA = 0.5  # Least share of the surface that must be left.
 
 
@@ -29,7 +31,8 @@ class Repair(NamedTuple):
         volume: Volume that the repaired mesh encloses.
         area: Area of the repaired mesh.
         old_area: Area of the mesh of the file.
-        distance: Largest distance of the repaired surface to that of the file.
+        distance: Largest distance to the surface of the file, of random points of the repaired one
+            and of its vertices.
         left_out: Number of surfaces of the file that could not be closed.
     """
 
@@ -117,11 +120,17 @@ def _united(parts: list[trimesh.Trimesh], growth: float) -> trimesh.Trimesh | No
 
 
 def _distance(new: trimesh.Trimesh, old: trimesh.Trimesh) -> float:
-    """Returns the largest distance of random points of a new surface to an old one."""
-    points, _ = trimesh.sample.sample_surface(new, _NEW_SAMPLES, seed=0)
-    near, faces = trimesh.sample.sample_surface(old, _SAMPLES, seed=0)
-    _, nearest = cKDTree(near).query(points, k=_NEAR)
-    candidates = np.repeat(points, _NEAR, axis=0)
-    feet = closest_points(np.array(old.triangles)[faces[nearest.ravel()]], candidates)
-    gaps = np.linalg.norm(candidates - feet, axis=1).reshape(-1, _NEAR)
-    return float(np.max(np.min(gaps, axis=1)))
+    """Returns the largest distance of vertices and random points of a new surface to an old one."""
+    points, _ = trimesh.sample.sample_surface(new, _SAMPLES, seed=0)
+    points = np.concatenate([points, new.vertices])
+    corners, edge = np.array(old.triangles), float(np.max(old.extents)) / _PARTS_ALONG
+    parts = split_triangles(corners, np.array(old.face_normals), edge)
+    count = min(_NEAR, len(parts.faces))
+    farthest = 0.0
+    for some in np.array_split(points, 1 + len(points) // _CHUNK):
+        _, nearest = cKDTree(parts.centroids).query(some, k=count)
+        candidates = np.repeat(some, count, axis=0)
+        feet = closest_points(corners[parts.faces[nearest.ravel()]], candidates)
+        gaps = np.linalg.norm(candidates - feet, axis=1).reshape(-1, count)
+        farthest = max(farthest, float(np.max(np.min(gaps, axis=1))))
+    return farthest

@@ -78,3 +78,15 @@ def test_what_is_no_body_is_not_repaired(tmp_path, capsys):
     assert main(["mesh", "repair", str(file), "-o", str(tmp_path / "a.stl")]) == 2
     assert "must end with .obj" in capsys.readouterr().err
     assert not np.any([path.suffix == ".obj" for path in tmp_path.iterdir()])
+
+
+@pytest.mark.slow
+def test_a_mesh_that_needs_no_repair_is_as_it_was(tmp_path, capsys):
+    path = tmp_path / "ball.obj"
+    trimesh.creation.uv_sphere(SIZE / 2, count=[40, 80]).export(
+        path
+    )  # Thin triangles at its poles.
+    assert repair_mesh(path).distance < 1e-6 * SIZE
+    assert main(["mesh", "repair", str(path), "-o", str(path)]) == 2
+    assert "ball.obj is there already; name another file" in capsys.readouterr().err
+    assert main(["mesh", "repair", str(tmp_path)]) == 2

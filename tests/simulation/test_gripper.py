@@ -57,7 +57,7 @@ def test_jaws_are_not_closed_on_places_at_different_heights():
             "lack of opening: the jaws open 90 mm between their standoffs; the narrowest place"
             " between opposite sides is 120 mm wide",
         ),
-        ("object: {mass: 5}", "2 fingers of 35.0 N hold 35 N with friction 0.5"),
+        ("object: {mass: 5}", "fingers of 35, 35 N hold 35 N with friction 0.5"),
     ],
 )
 def test_what_a_gripper_cannot_hold_is_refused_with_the_numbers(text, message):
