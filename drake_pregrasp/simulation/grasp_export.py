@@ -1,9 +1,10 @@
 """Commanded motion and postures of a grasp, as a file of arrays for other simulators."""
 
+import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
+from zipfile import ZipFile
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -13,10 +14,17 @@ from pydrake.multibody.tree import RigidBody
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.errors import InvalidArgumentError, first_line
 from drake_pregrasp.grasping.grasp_state import GraspPhase, describe_give_up
+from drake_pregrasp.resources import read_bounded
 from drake_pregrasp.simulation.output import replacing, writing
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.run_log import pose_values
 from drake_pregrasp.simulation.simulation_diagram import make_diagram, make_simulator
+
+MAX_BYTES = 50_000_000
+"""Largest size of a file whose postures are read, in bytes."""
+
+_VECTOR_BYTES = 100_000  # Of each of them, unpacked.
+_UNIT_TOLERANCE = 1e-3  # On the length of a quaternion.
 
 POSTURES = ("pregrasp", "grasp", "squeeze")
 """Names of the postures, in the order of time."""
@@ -148,16 +156,38 @@ def read_postures(path: Path) -> dict[str, FloatArray]:
     """Returns the postures in a file of `export_grasp`: arrays such as `grasp_q`, `grasp_X_WO`.
 
     Raises:
-        InvalidArgumentError: If it is no such file.
+        InvalidArgumentError: If it is no such file, or is larger than `MAX_BYTES`.
     """
-    names = [f"{name}_{part}" for name in POSTURES for part in ("q", "X_WO")]
+    content = io.BytesIO(read_bounded(path, MAX_BYTES))
     try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            arrays = {name: np.array(file[name], dtype=float) for name in names}
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+        with ZipFile(content) as file:
+            arrays = {
+                f"{name}_{part}": _vector(file, f"{name}_{part}")
+                for name in POSTURES
+                for part in ("q", "X_WO")
+            }
+    except Exception as error:  # Readers of zip files and arrays raise various types.
         problem = f"{path}: is no file of drake-pregrasp export: {first_line(error)}"
         raise InvalidArgumentError(problem) from error
     for name, array in arrays.items():
         if array.ndim != 1 or not np.all(np.isfinite(array)):
             raise InvalidArgumentError(f"{path}: {name} must be a vector of finite numbers")
+        # Places and unit quaternions.
+        if name.endswith("X_WO") and (array.shape != (7,) or not _is_unit(array[3:])):
+            raise InvalidArgumentError(
+                f"{path}: {name} must be x, y, z and a unit quaternion, not {array[:7].tolist()}"
+            )
     return arrays
+
+
+def _vector(file: ZipFile, name: str) -> FloatArray:
+    member = file.getinfo(f"{name}.npy")
+    if member.file_size > _VECTOR_BYTES:
+        raise ValueError(f"{name} has {member.file_size} bytes; at most {_VECTOR_BYTES}")
+    with file.open(member) as stream:
+        array = np.lib.format.read_array(stream, allow_pickle=False)
+    return np.array(array, dtype=float)
+
+
+def _is_unit(wxyz: FloatArray) -> bool:
+    return bool(abs(np.linalg.norm(wxyz) - 1.0) < _UNIT_TOLERANCE)

@@ -92,12 +92,38 @@ def test_a_hand_that_lifts_nothing_has_no_grasp(grasp, tmp_path):
         export_grasp(resolved, tmp_path / "grasp.npz")
 
 
-@pytest.mark.parametrize("content", [b"", b"no arrays", b"PK\x03\x04"])
+@pytest.mark.parametrize("content", [b"", b"no arrays", b"PK\x03\x04", b"\x93NUMPY\x01\x00"])
 def test_another_file_is_refused_in_one_line(content, tmp_path):
     path = tmp_path / "grasp.npz"
     path.write_bytes(content)
     with pytest.raises(InvalidArgumentError, match=r"grasp\.npz: is no file of drake-pregrasp"):
         read_postures(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        ({"squeeze_q": np.zeros(1_000_000)}, "squeeze_q has 8000128 bytes; at most 100000"),
+        ({"squeeze_q": np.zeros((2, 2))}, "squeeze_q must be a vector of finite numbers"),
+        ({"squeeze_q": np.array([np.nan])}, "squeeze_q must be a vector of finite numbers"),
+        ({"squeeze_q": np.array(["two"])}, "is no file of drake-pregrasp export"),
+        ({"squeeze_q": np.array([None])}, "is no file of drake-pregrasp export"),
+        ({"squeeze_q": np.zeros(2, dtype="f8,i4")}, "is no file of drake-pregrasp export"),
+        ({"squeeze_X_WO": np.zeros(2)}, "squeeze_X_WO must be x, y, z and a unit quaternion"),
+        ({"squeeze_X_WO": np.zeros(7)}, "squeeze_X_WO must be x, y, z and a unit quaternion"),
+    ],
+)
+def test_other_arrays_are_refused_in_one_line(change, problem, tmp_path):
+    arrays = {f"{name}_q": np.zeros(3) for name in POSTURES}
+    arrays |= {f"{name}_X_WO": np.array([0, 0, 0, 1, 0, 0, 0]) for name in POSTURES}
+    path = tmp_path / "grasp.npz"
+    np.savez_compressed(path, **arrays)
+    assert read_postures(path).keys() == arrays.keys()
+    np.savez_compressed(path, **arrays | change)
+    with pytest.raises(InvalidArgumentError, match=problem) as error:
+        read_postures(path)
+    assert "grasp.npz" in str(error.value)
+    assert "\n" not in str(error.value)
 
 
 def test_commands_export_and_replay_a_run(tmp_path, capsys):
