@@ -1,6 +1,7 @@
 """Paths of the package's and of users' files, and bounded reading."""
 
 import dataclasses
+import importlib.util
 import os
 from collections.abc import Sequence
 from importlib.machinery import PathFinder
@@ -58,6 +59,28 @@ def python_package(name: str) -> Path | None:
     """Returns the folder of an installed Python package, which is not imported; None if absent."""
     spec = PathFinder.find_spec(name) if name.isidentifier() else None
     return Path(spec.origin).parent if spec and spec.origin else None
+
+
+def require_packages(*modules: str, extra: str, purpose: str) -> None:
+    """Raises an error unless Python packages are installed; they are not imported.
+
+    Args:
+        modules: Names of the packages' modules.
+        extra: Extra of this package that installs them.
+        purpose: Subject of the message: what needs them.
+
+    Raises:
+        InvalidArgumentError: If one is missing; the message has the command that installs it.
+    """
+    if missing := [name for name in modules if importlib.util.find_spec(name) is None]:
+        raise missing_package(" and ".join(missing), extra=extra, purpose=purpose)
+
+
+def missing_package(package: str, *, extra: str, purpose: str) -> InvalidArgumentError:
+    """Returns the error that a package of an extra is not installed, with the command for it."""
+    return InvalidArgumentError(
+        f"{purpose} needs {package}; pip install 'drake_pregrasp[{extra}]' brings it"
+    )
 
 
 def real_path(path: Path) -> Path:

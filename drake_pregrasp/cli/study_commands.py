@@ -5,6 +5,8 @@ import functools
 import importlib
 from typing import Any
 
+from drake_pregrasp.resources import missing_package
+
 _STUDIES = "drake_pregrasp.studies"
 
 # For each command: a module with `add_options(parser)`, or the function of a report whose only
@@ -38,7 +40,7 @@ def _add_options(parser: argparse.ArgumentParser, *, where: str, name: str) -> N
         library = str(error.name).partition(".")[0]
         if library not in _EXTRA.split():
             raise
-        parser.error(f"{library} is missing; install the extra: pip install '.[studies]'")
+        parser.error(str(missing_package(library, extra="studies", purpose=name)))
     if function:
         options.add_report_command(parser, getattr(study, function), name)
     else:

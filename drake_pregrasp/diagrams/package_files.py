@@ -8,7 +8,12 @@ from xml.etree.ElementTree import Element
 from pydrake.multibody.parsing import PackageMap
 
 from drake_pregrasp.errors import InvalidArgumentError, first_line
-from drake_pregrasp.resources import python_package, read_bounded_text, resource_folder
+from drake_pregrasp.resources import (
+    missing_package,
+    python_package,
+    read_bounded_text,
+    resource_folder,
+)
 
 MAX_MODEL_BYTES = 5_000_000
 """Largest size of a model, in bytes."""
@@ -93,10 +98,12 @@ def located(name: str, packages: Mapping[str, Path]) -> Path:
         package, _, rest = rest.partition("/")
         folder = packages.get(package) or python_package(package)
         if folder is None:
-            hint = "install it, or add its folder to ROS_PACKAGE_PATH"
             if package in _EXTRAS:
-                hint = f"install the extra: pip install '.[{_EXTRAS[package]}]'"
-            raise InvalidArgumentError(f"names {name}: no such package is here; {hint}")
+                raise missing_package(package, extra=_EXTRAS[package], purpose=name)
+            raise InvalidArgumentError(
+                f"names {name}: no such package is here; install it, or add its folder to"
+                " ROS_PACKAGE_PATH"
+            )
         return folder / rest
     path = name.removeprefix("file://")
     if "://" in path or "\0" in path:

@@ -3,7 +3,7 @@
 import trimesh
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.resources import require_packages
 
 CONCAVITY = 0.05
 """Largest concavity of a piece as CoACD measures it, for a mesh that fits into a cube of edge 2."""
@@ -25,15 +25,9 @@ def convex_pieces(mesh: trimesh.Trimesh) -> list[FloatArray]:
     """
     if mesh.is_convex:
         return [mesh.convex_hull.vertices]
-    try:
-        import coacd
-    except ModuleNotFoundError as error:
-        if error.name != "coacd":
-            raise
-        raise InvalidArgumentError(
-            "coacd is not installed, which divides meshes that are not convex; pip install"
-            " 'drake_pregrasp[mujoco]' brings it"
-        ) from error
+    require_packages("coacd", extra="mujoco", purpose="a mesh that is not convex")
+    import coacd
+
     coacd.set_log_level("error")
     given = coacd.Mesh(mesh.vertices, mesh.faces)
     pieces = coacd.run_coacd(given, CONCAVITY, preprocess_mode="off", **_SEARCH)

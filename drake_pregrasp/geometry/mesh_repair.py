@@ -9,10 +9,10 @@ from scipy.spatial import cKDTree
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.meshes import read_pieces
-from drake_pregrasp.geometry.resting import check_installed
 from drake_pregrasp.geometry.sampling import split_triangles
 from drake_pregrasp.geometry.shapes import checked_mesh, scaled_whole
 from drake_pregrasp.geometry.surface import closest_points
+from drake_pregrasp.resources import require_packages
 
 _GROWTH = 1e-4  # Of surfaces that are united, as a share of the extent: touching ones then cross.
 _CHECKED_EXTENT = 0.1  # Extent of the mesh while it is checked, in metres.
@@ -58,8 +58,7 @@ def repair_mesh(path: Path) -> Repair:
         InvalidArgumentError: If the file cannot be read, a package of the extra `meshes` is not
             installed, or the mesh cannot be repaired.
     """
-    for package in ("manifold3d", "networkx"):
-        check_installed(package, purpose="mesh repair")
+    require_packages("manifold3d", "networkx", extra="meshes", purpose="mesh repair")
     pieces = read_pieces(path)
     if not pieces:
         raise InvalidArgumentError(f"{path} holds no triangles")

@@ -3,15 +3,13 @@
 Only files of the package are read; none of its code is imported.
 """
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 import trimesh
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.meshes import read_pieces
 from drake_pregrasp.geometry.shapes import Shape, mesh_shape, scaled_whole
+from drake_pregrasp.resources import python_package, require_packages
 
 OBJECTS_URL = "objects://random/"
 """Prefix of the objects' names, `000.obj` to `999.obj`."""
@@ -21,8 +19,6 @@ NUM_OBJECTS = 1000
 
 MASS = 0.1
 """Mass that the package states for every object, in kg."""
-
-_NEEDED = (("pybullet_data", "pybullet"), ("manifold3d", "manifold3d"))  # Modules and packages.
 
 _SCALE = 0.015  # Length of the files' unit, in metres, as the package states it.
 
@@ -53,28 +49,15 @@ def random_object(url: str, scale: float = 1.0) -> Shape:
     if not (index.isdecimal() and url == object_url(int(index)) and int(index) < NUM_OBJECTS):
         last = object_url(NUM_OBJECTS - 1)
         raise InvalidArgumentError(f"there is no {url}; there are {object_url(0)} to {last}")
-    pieces = read_pieces(check_installed() / index / name)
+    require_packages("pybullet_data", "manifold3d", extra="objects", purpose=OBJECTS_URL)
+    folder = python_package("pybullet_data")
+    assert folder is not None
+    pieces = read_pieces(folder / "random_urdfs" / index / name)
     mesh = scaled_whole(pieces, scale * _SCALE, url)
     mesh.merge_vertices()
     body = mesh_shape(_united(mesh, url), url).mesh
     body.apply_transform(_lying(body))
     return mesh_shape(body, url)
-
-
-def check_installed() -> Path:
-    """Returns the folder of the objects.
-
-    Raises:
-        InvalidArgumentError: If a package of the extra `objects` is not installed.
-    """
-    missing = [package for module, package in _NEEDED if not importlib.util.find_spec(module)]
-    if missing:
-        raise InvalidArgumentError(
-            f"the objects of {OBJECTS_URL} need {' and '.join(missing)};"
-            " pip install 'drake_pregrasp[objects]' brings what they need"
-        )
-    data = importlib.util.find_spec("pybullet_data")
-    return Path(str(data and data.origin)).parent / "random_urdfs"
 
 
 def _united(mesh: trimesh.Trimesh, url: str) -> trimesh.Trimesh:

@@ -1,13 +1,12 @@
 """Poses in which a body rests on a table."""
 
-import importlib.util
-
 import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.resources import require_packages
 
 MAX_HULL_TRIANGLES = 10_000
 """Largest number of triangles of a convex hull whose probable poses are searched: a few seconds."""
@@ -92,7 +91,7 @@ def stable_rotation(mesh: trimesh.Trimesh) -> FloatArray:
         InvalidArgumentError: If a package of the extra `meshes` is not installed, or the convex
             hull has too many triangles.
     """
-    check_installed("networkx", purpose="rest: stable")
+    require_packages("networkx", extra="meshes", purpose="rest: stable")
     hull = mesh.convex_hull
     if (count := len(hull.faces)) > MAX_HULL_TRIANGLES:
         raise InvalidArgumentError(
@@ -107,16 +106,3 @@ def stable_rotation(mesh: trimesh.Trimesh) -> FloatArray:
     turned = trimesh.Trimesh(rotation.apply(mesh.vertices), mesh.faces, process=False)
     R: FloatArray = settled_rotation(turned) @ rotation.as_matrix()
     return R
-
-
-def check_installed(module: str, *, purpose: str) -> None:
-    """Raises an error unless a package of the extra `meshes` is installed.
-
-    Args:
-        module: Name of the package and of its module.
-        purpose: What needs it.
-    """
-    if importlib.util.find_spec(module) is None:
-        raise InvalidArgumentError(
-            f"{purpose} needs {module}; install the extra: pip install 'drake_pregrasp[meshes]'"
-        )

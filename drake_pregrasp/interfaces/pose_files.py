@@ -21,8 +21,8 @@ from drake_pregrasp.estimation.recorded_poses import (
     check_pose,
     read_recorded_poses,
 )
-from drake_pregrasp.interfaces import check_installed
-from drake_pregrasp.resources import check_inside, read_bounded
+from drake_pregrasp.interfaces import PACKAGES
+from drake_pregrasp.resources import check_inside, read_bounded, require_packages
 
 MAX_BAG_BYTES = 100_000_000
 """Largest size of an MCAP file or of a rosbag2, packed and unpacked, in bytes."""
@@ -103,7 +103,7 @@ def read_poses(path: Path, topic: str = "", frame: str = "") -> RecordedPoses:
         if topic or frame:
             raise InvalidArgumentError(f"{path}: a CSV file has neither topics nor frames")
         return read_recorded_poses(path)
-    check_installed(str(path))
+    require_packages(*PACKAGES, extra="interfaces", purpose=str(path))
     try:
         track, poses = _only_track(path, topic, frame)
         start, rows, previous = min(poses), list[list[float]](), -math.inf

@@ -7,6 +7,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.resources import missing_package
 from drake_pregrasp.robots import urdf_repair
 from drake_pregrasp.robots.robot_meshes import convert_meshes
 
@@ -54,10 +55,7 @@ def find_robot_data() -> RobotData:
     try:
         distribution = importlib.metadata.distribution(PACKAGE)
     except importlib.metadata.PackageNotFoundError as error:
-        raise InvalidArgumentError(
-            f"this robot's model is in {PACKAGE}, which is not installed;"
-            " pip install 'drake_pregrasp[robots]' brings it"
-        ) from error
+        raise missing_package(PACKAGE, extra="robots", purpose="this robot's model") from error
     for file in distribution.files or ():
         if file.as_posix().endswith(_LANDMARK) and "share" in file.parts:
             return RobotData(Path(str(file.locate())).resolve().parent, distribution.version)

@@ -18,9 +18,9 @@ from pydrake.systems.framework import Context, Diagram, EventStatus
 
 from drake_pregrasp.config.yaml_text import MAX_BYTES
 from drake_pregrasp.errors import InvalidArgumentError, OutputError, ScenarioError
-from drake_pregrasp.interfaces import check_installed
+from drake_pregrasp.interfaces import PACKAGES
 from drake_pregrasp.interfaces.mcap_log import McapLog
-from drake_pregrasp.resources import read_bounded_text
+from drake_pregrasp.resources import read_bounded_text, require_packages
 from drake_pregrasp.simulation import output
 from drake_pregrasp.simulation.recording import (
     camera_view,
@@ -115,7 +115,7 @@ def run(
     if recording:
         check_recording("scenario", resolved.scenario, resolved.surface)
     if mcap:
-        check_installed(MCAP_FILE)
+        require_packages(*PACKAGES, extra="interfaces", purpose=MCAP_FILE)
     folder, text = Path(out) / name, dump_scenario(name, resolved.scenario)
     output.make_folder(folder)
     if folder.is_symlink():

@@ -36,6 +36,7 @@ from pydrake.solvers import MathematicalProgram
 
 from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.errors import InvalidArgumentError, first_line
+from drake_pregrasp.resources import require_packages
 
 Pieces = Mapping[GeometryId, Sequence[FloatArray]]
 """Vertices of the convex pieces of geometries that are not convex, each of shape (k, 3), in m."""
@@ -140,14 +141,9 @@ def import_mujoco() -> Any:
     Raises:
         InvalidArgumentError: If it is not installed; the message says how to install it.
     """
-    try:
-        import mujoco
-    except ModuleNotFoundError as error:
-        if error.name != "mujoco":
-            raise
-        raise InvalidArgumentError(
-            "mujoco is not installed; pip install 'drake_pregrasp[mujoco]' brings it"
-        ) from error
+    require_packages("mujoco", extra="mujoco", purpose="a simulation in MuJoCo")
+    import mujoco
+
     return mujoco
 
 

@@ -40,7 +40,8 @@ sys.exit(main({command}))
     run = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, timeout=120, check=False)
     said = capfd.readouterr().err
     assert run.returncode == 2
-    assert said.endswith(f"{library} is missing; install the extra: pip install '.[studies]'\n")
+    problem = f"{command[0]} needs {library}; pip install 'drake_pregrasp[studies]' brings it"
+    assert said.endswith(f"{problem}\n")
     assert said.count("\n") == 1
 
 
