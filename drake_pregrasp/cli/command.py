@@ -163,7 +163,7 @@ def _repair(options: argparse.Namespace) -> int:
         print(f"left out    {repair.left_out} surfaces that could not be closed")
     print(f"area        {repair.old_area:.4g}, now {repair.area:.4g}")
     print(f"volume      {repair.volume:.4g}, in units of the file")
-    print(f"distance    to the old surface: at most {repair.distance:.3g}")
+    print(f"distance    of random points to the old surface: at most {repair.distance:.3g}")
     print(f"mesh in {target}")
     return 0
 

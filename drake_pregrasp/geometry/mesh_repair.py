@@ -32,7 +32,7 @@ class Repair(NamedTuple):
         area: Area of the repaired mesh.
         old_area: Area of the mesh of the file.
         distance: Largest distance to the surface of the file, of random points of the repaired one
-            and of its vertices.
+            and of its vertices. Parts of that surface that are left out do not increase it.
         left_out: Number of surfaces of the file that could not be closed.
     """
 
@@ -48,8 +48,8 @@ def repair_mesh(path: Path) -> Repair:
     """Returns the mesh of a file as the surface of one solid body.
 
     Holes are closed by fans of triangles, and the closed surfaces are united by manifold3d, after
-    each has grown by a ten thousandth of the extent. A closed surface with inward normals inside
-    the others stays a cavity.
+    each has grown by a ten thousandth of the extent. A closed surface with inward normals stays a
+    cavity if its bounding box is inside that of another one.
 
     Args:
         path: Path of the mesh file.
@@ -87,7 +87,10 @@ def repair_mesh(path: Path) -> Repair:
 
 
 def _united(parts: list[trimesh.Trimesh], growth: float) -> trimesh.Trimesh | None:
-    """Returns the union of closed surfaces less their cavities, or None if nothing is left."""
+    """Returns the union of closed surfaces less their cavities, or None if nothing is left.
+
+    A surface is inside another one if its bounding box is: cavities of a solid satisfy that.
+    """
     bodies: list[trimesh.Trimesh] = []
     cavities: list[trimesh.Trimesh] = []
     for part in parts:

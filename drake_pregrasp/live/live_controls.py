@@ -135,7 +135,7 @@ class LiveControls:
     Attributes:
         is_paused: Whether the run is paused.
         is_stopped: Whether somebody has stopped it.
-        refused: Number of messages of pages that were malformed, too many, or of strangers.
+        refused: Number of messages of pages that were malformed, too many, or unauthorized.
     """
 
     def __init__(

@@ -34,7 +34,7 @@ FRICTION = (0.6, 0.6, 0.02)
 """Coefficients along the surface (two) and about its normal, the latter in metres."""
 
 FORCE = 1.0
-"""Force on the object, in newtons: ten times its mass, as the protocol has it."""
+"""Force on the object, in newtons: its mass times 10 m/s², as in the protocol."""
 
 MOST_MOVED, MOST_TURNED = 0.05, 15.0
 """Bounds on the object's motion from its initial pose, in metres and degrees."""
