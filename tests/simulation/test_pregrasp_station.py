@@ -1,5 +1,9 @@
 """The station: its ports by the names of model instances, and a grasp through them."""
 
+import functools
+import os
+import re
+
 import numpy as np
 import pytest
 from drake import (
@@ -11,13 +15,26 @@ from drake import (
     lcmt_panda_status,
     lcmt_scope,
 )
-from pydrake.lcm import DrakeLcm
+from pydrake.lcm import DrakeLcm, DrakeLcmParams
+from pydrake.manipulation import ApplyDriverConfig, IiwaDriver
+from pydrake.multibody.parsing import (
+    LoadModelDirectivesFromString,
+    Parser,
+    ProcessModelDirectives,
+)
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.tree import PdControllerGains
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.lcm import ApplyLcmBusConfig
 from pydrake.systems.primitives import ConstantVectorSource
 
 import drake_pregrasp as dp
+from drake_pregrasp.diagrams.hand_instances import HandInstances, set_default_positions
 from drake_pregrasp.interfaces.lcm import POSE_CHANNEL, AddPoseSubscriber
+from drake_pregrasp.robots.robot_models import robot_model
+from drake_pregrasp.systems.hand_kinematics import hand_links
+from drake_pregrasp.systems.hand_scene import separate_fingers
 
 JOINT_PORTS = ["position_measured", "velocity_estimated", "torque_measured", "position_commanded"]
 INPUTS = ["X_WO_measured", "measurement_time", "close"]
@@ -85,6 +102,13 @@ TYPES = {
 """Types of the commands and the status of each driver."""
 
 
+def send_pose(lcm, tick, X_WO):
+    message = lcmt_scope()
+    message.utime, message.size = tick + 1, 7
+    message.value = [*X_WO.translation(), *X_WO.rotation().ToQuaternion().wxyz()]
+    lcm.Publish(POSE_CHANNEL, message.encode())
+
+
 class Robot:
     """A simulated robot behind LCM, whose drivers know positions only."""
 
@@ -145,27 +169,24 @@ class Robot:
                 if field.startswith("joint_"):
                     setattr(message, field, values.get(field, np.zeros(len(q))).tolist())
             self.lcm.Publish(f"{driver}_STATUS", message.encode())
-        X_WO, message = self.output("X_WO"), lcmt_scope()
-        message.utime, message.size = tick + 1, 7
-        message.value = [*X_WO.translation(), *X_WO.rotation().ToQuaternion().wxyz()]
-        self.lcm.Publish(POSE_CHANNEL, message.encode())
+        send_pose(self.lcm, tick, self.output("X_WO"))
 
 
-def grasp_over_lcm(scenario, drivers, duration):
+def grasp_over_lcm(scenario, drivers, duration, url="memq://", make_robot=Robot):
     """Returns a station as client of a robot, after a grasp, and the robot."""
-    resolved, lcm, builder = dp.load_resolved(scenario), DrakeLcm("memq://"), DiagramBuilder()
+    resolved, lcm, builder = dp.load_resolved(scenario), DrakeLcm(url), DiagramBuilder()
     station = builder.AddSystem(dp.PregraspStation(resolved, lcm=lcm, drivers=drivers))
     poses = AddPoseSubscriber(builder, lcm)
     for name in ("X_WO_measured", "measurement_time"):
         builder.Connect(poses.GetOutputPort(name), station.GetInputPort(name))
     close = builder.AddSystem(ConstantVectorSource([1.0]))
     builder.Connect(close.get_output_port(), station.GetInputPort("close"))
-    client, robot = Simulator(builder.Build()), Robot(resolved, lcm, drivers, station.initial)
+    client, robot = Simulator(builder.Build()), make_robot(resolved, lcm, drivers, station.initial)
     for tick in range(round(duration / robot.period)):
         robot.send(tick)
-        lcm.HandleSubscriptions(0)
+        lcm.HandleSubscriptions(2)
         client.AdvanceTo((tick + 1e-3) * robot.period)  # Sends what the tick commands.
-        lcm.HandleSubscriptions(0)
+        lcm.HandleSubscriptions(2)
         robot.drive()
         robot.simulator.AdvanceTo((tick + 1) * robot.period)
     return station, client.get_context(), robot
@@ -189,6 +210,115 @@ def test_the_scenario_of_a_simulation_grasps_over_lcm(scenario, drivers, duratio
     lift = dp.load_scenario(scenario).grasp.lift_height
     start = dp.load_resolved(scenario).X_WO.translation()[2]
     assert robot.output("X_WO").translation()[2] - start == pytest.approx(lift, abs=3e-3)
+
+
+URL = f"udpm://239.255.76.67:{20_000 + os.getpid() % 20_000}?ttl=0"
+"""Bus of a simulator with Drake's drivers, on this machine."""
+
+ARM = """
+directives:
+- add_model: {{name: table, file: package://drake_pregrasp/table.sdf}}
+- add_model: {{name: panda, file: {panda}}}
+- add_model: {{name: allegro, file: {allegro}}}
+- add_weld: {{parent: world, child: panda::panda_link0, X_PC: {{translation: [-0.55, 0, 0]}}}}
+- add_weld:
+    parent: panda::panda_link8
+    child: allegro::palm_link
+    X_PC: {{translation: [-0.02, 0.0, 0.045], rotation: !Rpy {{deg: [180, -90, 0]}}}}
+"""
+
+
+class HardwareSim:
+    """A simulator as Drake's hardware_sim, with its IiwaDriver, and with a driver for fingers."""
+
+    def __init__(self, resolved, lcm, drivers, initial, folder):
+        self.lcm, self.period = lcm, resolved.scenario.grasp.period
+        builder, self.commanded = DiagramBuilder(), initial["allegro"].copy()
+        settings = MultibodyPlantConfig(time_step=0.001)
+        self.plant, scene_graph = AddMultibodyPlant(settings, builder)
+        dp.add_to_package_map(parser := Parser(self.plant))
+        files = {"allegro": robot_model("robots://allegro_hand.urdf"), "panda": motorized(folder)}
+        text = ARM.format(**{name: file.as_uri() for name, file in files.items()})
+        models = ProcessModelDirectives(LoadModelDirectivesFromString(text), parser)
+        by_name = {model.model_name: model for model in models}
+        self.hand = by_name["allegro"].model_instance
+        for name, q in initial.items():
+            robot = HandInstances(self.plant, [by_name[name].model_instance])
+            moving = [joint for joint in robot.joints() if joint.num_positions()]
+            set_default_positions(moving, q)
+        kinematics = resolved.hand.kinematics
+        gains = zip(moving, kinematics.stiffness[-16:], kinematics.damping[-16:], strict=True)
+        for joint, p, d in gains:
+            drive = self.plant.AddJointActuator(joint.name(), joint, 0.9)
+            drive.set_controller_gains(PdControllerGains(p=p, d=d))
+            drive.set_default_rotor_inertia(5e-4)
+        self.box = dp.add_object(self.plant, resolved.shape, 0.25, friction=0.7)
+        self.plant.SetDefaultFloatingBaseBodyPose(self.box, resolved.X_WO)
+        self.plant.Finalize()
+        tips = resolved.hand.description.fingertips
+        frames = [self.plant.GetFrameByName(tip.frame) for tip in tips]
+        radii, inspector = [tip.radius for tip in tips], scene_graph.model_inspector()
+        links = hand_links(self.plant, frames, radii, inspector)
+        separate_fingers(scene_graph.collision_filter_manager(), links)
+        buses = ApplyLcmBusConfig({"default": DrakeLcmParams(lcm_url=URL)}, builder)
+        driver = IiwaDriver(hand_model_name="allegro", control_mode="position_only")
+        ApplyDriverConfig(driver, "panda", self.plant, by_name, buses, builder)
+        self.simulator = Simulator(builder.Build())
+        root = self.simulator.get_mutable_context()
+        self.context = self.plant.GetMyMutableContextFromRoot(root)
+        lcm.Subscribe("ALLEGRO_COMMAND", self.receive)
+        self.drive()
+
+    def receive(self, data):
+        self.commanded[:] = lcmt_allegro_command.decode(data).joint_position
+
+    def drive(self):
+        desired = np.append(self.commanded, np.zeros(16))
+        self.plant.get_desired_state_input_port(self.hand).FixValue(self.context, desired)
+
+    def send(self, tick):
+        state = self.plant.get_state_output_port(self.hand).Eval(self.context)
+        torque = self.plant.get_net_actuation_output_port(self.hand).Eval(self.context)
+        message = lcmt_allegro_status()
+        message.num_joints = 16
+        message.joint_position_measured, message.joint_velocity_estimated = np.split(state, 2)
+        message.joint_position_commanded = self.commanded
+        message.joint_torque_commanded = torque
+        self.lcm.Publish("ALLEGRO_STATUS", message.encode())
+        send_pose(self.lcm, tick, self.output("X_WO"))
+
+    def output(self, _):
+        return self.plant.EvalBodyPoseInWorld(self.context, self.box)
+
+
+def motorized(folder):
+    """Returns the Panda with transmissions, without which Drake drives no joint of a URDF."""
+    model = robot_model("robots://panda.urdf")
+    text = re.sub(
+        r'filename="(?![/a-z]+:)([^"]+)"',
+        lambda name: f'filename="{(model.parent / name[1]).as_uri()}"',
+        model.read_text(encoding="utf-8"),
+    )
+    drives = "".join(
+        f'<transmission name="t{i}"><type>transmission_interface/SimpleTransmission</type>'
+        f'<joint name="panda_joint{i}"/><actuator name="a{i}"/></transmission>'
+        for i in range(1, 8)
+    )
+    file = folder / "panda.urdf"
+    file.write_text(text.replace("</robot>", f"{drives}</robot>"), encoding="utf-8")
+    return file
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("allegro_panda")
+def test_the_station_is_a_client_of_the_iiwa_driver_of_hardware_sim(tmp_path):
+    drivers = {"panda": "IIWA", "allegro": "ALLEGRO"}
+    make_robot = functools.partial(HardwareSim, folder=tmp_path)
+    grasp = "grasp_allegro_panda", drivers, 5.5, URL
+    station, context, robot = grasp_over_lcm(*grasp, make_robot)
+    assert phase(station, context) is dp.GraspPhase.HOLD
+    start = dp.load_resolved("grasp_allegro_panda").X_WO.translation()[2]
+    assert robot.output("X_WO").translation()[2] - start == pytest.approx(0.1, abs=5e-3)
 
 
 @pytest.mark.parametrize("drivers", [None, {"arm": "IIWA"}, {"hand": "WSG"}])
