@@ -77,17 +77,6 @@ class HandKinematics:
         """Returns the kinematics at positions of the joints, shape (nq,); NaN where these are."""
         return self._forward(self._tree, q)
 
-    def level_stiffness(self, q: FloatArray) -> FloatArray:
-        """Returns the horizontal stiffness of each finger at its tip, shape (n,), in N/m.
-
-        It is the inverse of the mean over horizontal directions of the compliance J K_p^-1 J^T.
-
-        Args:
-            q: Positions of the joints, shape (nq,).
-        """
-        J = (self.pose(q).J_WT * self._is_own[:, None])[:, :2]
-        return np.asarray(2 / np.sum(J**2 / self.stiffness, axis=(1, 2)))
-
     def with_limited_forces(
         self, J_WT: FloatArray, torques: FloatArray, limits: FloatArray
     ) -> FloatArray:
