@@ -234,10 +234,8 @@ class GraspSequencer(LeafSystem):
         now = last.at(time)
         if state.phase == GraspPhase.BACK_OFF:
             return now
-        p_WT, J_WT = (
-            validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3),
-            self._jacobians(context),
-        )
+        p_WT = validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
+        J_WT = self._jacobians(context)
         on = state.active & np.all(np.isfinite(p_WT) & np.isfinite(p_GT), axis=1)
         if J_WT is None or not len(self._stiffness) or not np.any(on):
             return now
