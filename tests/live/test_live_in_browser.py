@@ -209,7 +209,10 @@ def test_buttons_do_what_they_say(page, tmp_path):
 
 
 def test_a_hand_closes_when_it_is_told_to(opened):
-    page = opened("grasp_five_finger", "{grasp: {close_at: 1000}, simulation_duration: 2000}")
+    slow = "motion: {linear_velocity: 0.001}"  # The belt stays within the carrier's travel.
+    page = opened(
+        "grasp_five_finger", f"{{grasp: {{close_at: 1000}}, {slow}, simulation_duration: 2000}}"
+    )
     page.told("follows the object")
     page.click("hand: close")
     page.told("hand holds")  # Phases before it may be over before a slow browser has shown them.

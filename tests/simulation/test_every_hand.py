@@ -53,7 +53,8 @@ def test_each_hand_takes_each_object_or_says_what_is_missing(hand, name):
         assert resolved.num_contacts == len(resolved.hand.azimuths)
         return
     assert any(f"no grasp for lack of {lack}" in problem for lack in Lack)
-    assert name not in ("box", "cylinder")  # All hands have grasps on these.
+    # All hands have grasps on these, if the arm reaches over them.
+    assert name not in ("box", "cylinder") or "lack of arm reach" in problem
 
 
 @pytest.mark.slow
