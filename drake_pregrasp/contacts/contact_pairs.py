@@ -111,5 +111,8 @@ class OppositePoints:
             up: Unit vector along the axis, shape (3,).
         """
         index = np.flatnonzero(np.abs(self._normals @ up) < -OPPOSITE)
-        off, width = self.errors(pair, index[:, None], index)
-        return float(np.min(width, where=off < np.inf, initial=np.inf))
+        least = np.inf
+        for i in index:  # A row at a time: all pairs at once are too large for memory.
+            off, width = self.errors(pair, i, index)
+            least = float(np.min(width, where=off < np.inf, initial=least))
+        return least

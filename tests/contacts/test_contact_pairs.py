@@ -1,5 +1,7 @@
 """Places of paired contacts, and points that are opposite each other."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -41,3 +43,13 @@ def test_the_least_width_across_an_axis_is_that_of_the_box():
     points = OppositePoints(surface.p_OQ, surface.nhat_OQ, 0.004)
     for axis, least in enumerate([0.03, 0.03, 0.05]):
         assert points.least_width(JAWS, np.eye(3)[axis]) == pytest.approx(least, abs=1e-6)
+
+
+def test_the_least_width_of_many_points_needs_little_memory():
+    p_OQ = np.random.default_rng(0).uniform(-0.04, 0.04, (1500, 3))
+    normals = np.tile([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]], (750, 1))
+    tracemalloc.start()
+    OppositePoints(p_OQ, normals, 0.004).least_width(JAWS, np.array([0.0, 0.0, 1.0]))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 10e6
