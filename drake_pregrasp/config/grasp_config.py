@@ -1,4 +1,4 @@
-"""Configuration of the grasp, and what a hand adds to the settings of planner and measures."""
+"""Configuration of the grasp, and the limits that a hand adds to those of the planner."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -14,13 +14,11 @@ from drake_pregrasp.config.hand_description import (
 )
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.object_config import POINT
-from drake_pregrasp.config.planner_config import MeasuresConfig
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.mesh_surface import TipSize
 from drake_pregrasp.grasping.fingertip_paths import MOVING_CLEARANCE, OTHER_CLEARANCE
 from drake_pregrasp.grasping.grasp_state import GraspSettings
-from drake_pregrasp.quality.force_closure import torsional_friction_of
 
 ABOVE, SIDE = "above", "side"
 """Values of `GraspConfig.approaches`."""
@@ -93,8 +91,9 @@ class GraspConfig:
     # Direction of the lift in W, of any length, not into the table.
     lift_direction: list[float] = field(default_factory=lambda: [0.0, 0.0, 1.0], metadata=POINT)
 
-    # Whether the object is shaken once it has been held for ten seconds: pushed by half its weight,
-    # for half a second in each of six directions. Studies of grasps always do this.
+    # Whether the object is shaken once it has been held for ten seconds: in each of six directions,
+    # for half a second, by a sinusoidal force of at most half its weight. Studies of grasps always
+    # do this.
     shake: bool = False
 
     # Directions from which the palm may come: the one with the best start contacts is chosen.
@@ -208,23 +207,3 @@ def hand_limits(hand: HandDescription, grasp: GraspConfig, *, reach: bool = True
         pairs=hand.jaws,
         recover=True,
     )
-
-
-def hand_measures(config: MeasuresConfig, hand: HandDescription) -> MeasuresConfig:
-    """Returns the assumptions of measures, with the contact model of a hand's soft fingertips.
-
-    Values that differ from the defaults take precedence. The smallest patch counts.
-
-    Args:
-        config: Assumptions of the measures.
-        hand: Description of the hand.
-    """
-    radii, default = hand.patch_radii[hand.patch_radii > 0], MeasuresConfig()
-    if not len(radii):
-        return config
-    model, torsional = config.contact_model, config.torsional_friction
-    if model == default.contact_model:
-        model = "soft_finger"
-    if torsional == default.torsional_friction:
-        torsional = float(np.min(torsional_friction_of(config.friction, radii)))
-    return replace(config, contact_model=model, torsional_friction=torsional)

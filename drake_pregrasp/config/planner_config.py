@@ -1,7 +1,8 @@
 """Configuration of the planner, of its pose estimator and of the measures of its contacts."""
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,11 +13,18 @@ from drake_pregrasp.contacts.strategies import BLEND, READINGS, STRATEGIES
 from drake_pregrasp.estimation.pose_belief import PoseFilterNoise
 from drake_pregrasp.estimation.pose_track import TrackerSettings
 from drake_pregrasp.geometry.rotations import rotation_group
-from drake_pregrasp.quality.force_closure import FRICTION, TORSIONAL_FRICTION
+from drake_pregrasp.quality.force_closure import (
+    FRICTION,
+    TORSIONAL_FRICTION,
+    torsional_friction_of,
+)
 from drake_pregrasp.quality.grasp_quality import CONTACT_MODELS
 from drake_pregrasp.regions.coordinates import GIVEN, QUANTITIES
 from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
 from drake_pregrasp.regions.walls import WALL_TESTS
+
+AUTO = "auto"
+"""Value of `MeasuresConfig.contact_model` for that of the hand's fingertips."""
 
 LARGEST_SCALE = 1e4
 """Largest number of metres per unit of a further coordinate."""
@@ -259,18 +267,33 @@ class PlannerConfig:
 class MeasuresConfig:
     """Assumptions about contacts in the logged measures and in the margins of the summary."""
 
-    # Contact model of the grasp matrix. Margins need a friction cone: with the complete model,
-    # whose contacts can also pull, they are those of the hard finger.
-    contact_model: str = field(default="complete", metadata={"one_of": CONTACT_MODELS})
+    # Contact model of the grasp matrix; auto: soft_finger for a hand with soft fingertips, else
+    # complete. Margins need a friction cone: with the complete model, whose contacts can also pull,
+    # they are those of the hard finger.
+    contact_model: str = field(default=AUTO, metadata={"one_of": (AUTO, *CONTACT_MODELS)})
 
     # Coulomb's coefficient.
     friction: float = field(default=FRICTION, metadata={"at_least": 0, "at_most": 10})
 
-    # For soft fingers: largest moment about the normal per newton of normal force, in metres.
-    torsional_friction: float = field(
-        default=TORSIONAL_FRICTION, metadata={"at_least": 0, "at_most": 10}
-    )
+    # For soft fingers: largest moment about the normal per newton of normal force, in metres. 0:
+    # that of the hand's smallest soft fingertip, or of a patch of radius 10 mm without one.
+    torsional_friction: float = field(default=0.0, metadata={"at_least": 0, "at_most": 10})
 
     # Unit of lever arms, in metres. 0: the longest lever arm on the object; for the measures of the
     # complete model one metre, as in the paper.
     length: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1000})
+
+    def resolved(self, patch_radii: Sequence[float] | FloatArray = ()) -> "MeasuresConfig":
+        """Returns the assumptions with the contact model of a hand's fingertips, where it is auto.
+
+        Args:
+            patch_radii: Radii of the patches of fingertips in metres, 0 for hard ones.
+        """
+        soft = np.array([radius for radius in patch_radii if radius > 0])
+        model, torsional = self.contact_model, self.torsional_friction
+        if model == AUTO:
+            model = "soft_finger" if len(soft) else "complete"
+        if not torsional:
+            own = torsional_friction_of(self.friction, soft)
+            torsional = float(np.min(own)) if len(soft) else TORSIONAL_FRICTION
+        return replace(self, contact_model=model, torsional_friction=torsional)

@@ -10,7 +10,7 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.finger_config import capability_at, remaining_contacts
-from drake_pregrasp.config.grasp_config import ABOVE, SIDE, GraspConfig, hand_measures
+from drake_pregrasp.config.grasp_config import ABOVE, SIDE, GraspConfig
 from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.config.object_config import (
     Box,
@@ -113,8 +113,8 @@ class ResolvedScenario:
     @property
     def measures(self) -> MeasuresConfig:
         """Assumptions of the logged measures, with the contact model of the hand's fingertips."""
-        measures = self.scenario.measures
-        return hand_measures(measures, self.hand.description) if self.hand else measures
+        radii = self.hand.description.patch_radii if self.hand else ()
+        return self.scenario.measures.resolved(radii)
 
     def finger_measures(self) -> FingerMeasures | None:
         """Returns the measures of the hand's fingers, if the planner needs them."""

@@ -64,7 +64,7 @@ class GraspQualityMonitor(LeafSystem):
         num_contacts: int,
     ) -> None:
         super().__init__()
-        config = checked(config or MeasuresConfig())
+        config = checked(config or MeasuresConfig()).resolved()
         self._surface, self._contact_model = surface, config.contact_model
         self._length = characteristic_length(
             config.length, config.contact_model, surface.longest_lever_arm

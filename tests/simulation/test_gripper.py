@@ -77,6 +77,8 @@ def test_measures_are_those_of_soft_fingers_unless_others_are_asked_for():
     assert (measures.contact_model, measures.torsional_friction) == ("soft_finger", torsional)
     asked = resolved("measures: {contact_model: hard_finger, torsional_friction: 0.001}").measures
     assert (asked.contact_model, asked.torsional_friction) == ("hard_finger", 0.001)
+    asked = resolved("measures: {contact_model: complete}").measures
+    assert asked.contact_model == "complete"
     assert load_resolved("grasp_five_finger").measures.contact_model == "complete"
 
 

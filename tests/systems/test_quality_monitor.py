@@ -57,7 +57,7 @@ def test_quality_is_that_of_the_contact_model(p_OC, surface, model, length):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"contact_model": "glue"}, "contact_model must be one of: complete"),
+        ({"contact_model": "glue"}, "contact_model must be one of: auto, complete"),
         ({"length": -1}, "length must be a number at least 0"),
     ],
 )
