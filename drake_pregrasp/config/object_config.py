@@ -16,7 +16,7 @@ from drake_pregrasp.interfaces.pose_files import read_poses
 from drake_pregrasp.resources import resolve_path
 
 
-def rotation_matrix(rpy: list[float]) -> FloatArray:
+def rpy_matrix(rpy: list[float]) -> FloatArray:
     """Returns the rotation matrix of roll, pitch and yaw in radians, shape (3, 3)."""
     R: FloatArray = RollPitchYaw(rpy).ToRotationMatrix().matrix()
     return R
@@ -48,7 +48,7 @@ class BoxFields:
 
     def make_solid(self) -> BoxSolid:
         """Returns the box, in F."""
-        return BoxSolid(np.array(self.center), rotation_matrix(self.rpy), np.array(self.size))
+        return BoxSolid(np.array(self.center), rpy_matrix(self.rpy), np.array(self.size))
 
 
 _LENGTH = {"at_least": 0.001, "at_most": 1}
@@ -72,7 +72,7 @@ class Orientation:
 
     def turned(self, shape: shapes.Shape) -> shapes.Shape:
         """Returns a shape with this orientation in O."""
-        shape = shape.turned(rotation_matrix(self.rpy))
+        shape = shape.turned(rpy_matrix(self.rpy))
         if self.rest == PLACED:
             return shape
         rotation = stable_rotation if self.rest == STABLE else settled_rotation

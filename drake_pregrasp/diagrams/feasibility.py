@@ -165,7 +165,7 @@ def check_torques(
     R_OW, p_OCoM, fingers = X_WO.rotation().matrix().T, surface.p_OCoM, start.has_contact
     p_OC, efforts, columns = start.p_OC[fingers], [], []
     nhat = surface.project(p_OC)[1]
-    R_OU = R_OW @ hand.X_LA.rotation().matrix() @ turned_by(start.yaw)
+    R_OU = R_OW @ hand.X_LA.rotation().matrix() @ yaw_matrix(start.yaw)
     p_OU = p_OCoM + R_OW @ hand.X_LA.translation()
     p_UT = (p_OC + hand.tip_radii[fingers, None] * nhat - p_OU) @ R_OU
     for place, finger in zip(p_UT, np.flatnonzero(fingers), strict=True):
@@ -203,7 +203,7 @@ def check_torques(
     raise NoGraspError(Lack.TORQUE, f"{holds}, and {mass:g} kg weigh {weight:.3g} N")
 
 
-def turned_by(yaw: float) -> FloatArray:
+def yaw_matrix(yaw: float) -> FloatArray:
     """Returns the rotation matrix of a yaw in radians, shape (3, 3)."""
     R: FloatArray = RotationMatrix.MakeZRotation(yaw).matrix()
     return R

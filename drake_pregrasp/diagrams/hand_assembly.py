@@ -103,7 +103,7 @@ def _lock(hand: HandInstances, locked: LockedJoint) -> None:
     joint = hand.joint(locked.joint, "locked")
     ends, X = (joint.frame_on_parent(), joint.frame_on_child()), _moved(joint, locked.position)
     name = joint.name()
-    _remove(hand.plant, joint)  # Which frees it.
+    _remove(hand.plant, joint)  # The link is then free.
     hand.plant.AddJoint(WeldJoint(name, *ends, X))
 
 

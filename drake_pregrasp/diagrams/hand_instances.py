@@ -20,7 +20,8 @@ SCOPE = "::"
 class HandInstances:
     """Finds joints, links and frames of a hand by their names in one or several model instances.
 
-    A name is that of the element, or `model_instance::element` if several instances have it.
+    A name is that of the element, or `model_instance::element` if several instances have it. If
+    only one has it, the name of the instance does not count: a plant may call it otherwise.
 
     Args:
         plant: Plant with the hand.
@@ -51,7 +52,7 @@ class HandInstances:
             key: Key that names it, for error messages.
 
         Raises:
-            InvalidArgumentError: If there is none, or more than one; so for other elements.
+            InvalidArgumentError: If there is none, or more than one.
         """
         instance, bare = self._owner(name, f"{key}: ", "joint")
         return self.plant.GetMutableJointByName(bare, instance)

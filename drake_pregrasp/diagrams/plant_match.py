@@ -1,4 +1,4 @@
-"""Comparison of a hand in somebody's plant with the model of its description."""
+"""Comparison of a hand in a user's plant with the model of its description."""
 
 from collections.abc import Iterator
 

@@ -16,7 +16,7 @@ from drake_pregrasp.contacts.assignment import assign_fingers_round, make_room, 
 from drake_pregrasp.contacts.hand_over_object import HandOverObject, StartContacts
 from drake_pregrasp.contacts.start_contacts import choose_start_contacts
 from drake_pregrasp.diagrams.approaches import table_height
-from drake_pregrasp.diagrams.feasibility import palm_problem, turned_by
+from drake_pregrasp.diagrams.feasibility import palm_problem, yaw_matrix
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import InvalidArgumentError, Lack, NoGraspError
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
@@ -54,7 +54,7 @@ def _start_constraints(
 
     def at(yaw: float) -> RegionConstraints:
         R_OH = R_OW @ reach_frame(p_OCoM, yaw, yaw_range, hand.X_LA).rotation().matrix()
-        R_OU = R_OW @ hand.X_LA.rotation().matrix() @ turned_by(yaw)
+        R_OU = R_OW @ hand.X_LA.rotation().matrix() @ yaw_matrix(yaw)
         fingers = measures and replace(measures, least=least, R_OU=R_OU, p_OU=p_OA)
         return replace(shared, reach_pose=(R_OH, p_OA), finger_measures=fingers)
 
@@ -122,7 +122,7 @@ def start_contacts_of(
             constraints_at=_start_constraints(
                 hand, limits, X_WO, fixed, yaw_range, p_OCoM, measures
             ),
-            p_OT_at=lambda yaw: hand.p_HT @ (R_OA @ turned_by(yaw)).T + p_OA,
+            p_OT_at=lambda yaw: hand.p_HT @ (R_OA @ yaw_matrix(yaw)).T + p_OA,
             azimuths=hand.azimuths,
             R_AO=R_OA.T,
             p_AO=-p_OA @ R_OA,
@@ -136,7 +136,9 @@ def start_contacts_of(
             pairs=tuple(limits.pairs),
             opening=hand.opening - 2 * config.standoff,
             holds_palm=lambda yaw: not problem_at(yaw),
-            in_workspace=lambda yaw, p_OT: hand.in_workspace((p_OT - p_OA) @ R_OA @ turned_by(yaw)),
+            in_workspace=lambda yaw, p_OT: hand.in_workspace(
+                (p_OT - p_OA) @ R_OA @ yaw_matrix(yaw)
+            ),
             clearance_weight=float(
                 hand.X_LA.IsExactlyIdentity()
             ),  # Fingers from the side reach around.
@@ -202,7 +204,7 @@ def _given_contacts(
     R_OA = R_WO.T @ X_LA.rotation().matrix()
     p_OC, has_room = make_room(surface, p_OC, constraints, up=R_OA[:, 2])
     p_OT = p_OC + hand.tip_radii[:, None] * surface.project(p_OC)[1]
-    p_AT = hand.around_axis(p_OT, R_WO, p_OCoM) @ turned_by(yaw)
+    p_AT = hand.around_axis(p_OT, R_WO, p_OCoM) @ yaw_matrix(yaw)
     reached = has_room & hand.in_workspace(p_AT[:, None])[:, 0]
     away = np.mean(np.linalg.norm(hand.p_HT - p_AT, axis=1))
     return StartContacts(p_OC, has_room, yaw, np.nan, float(np.sum(reached) - away))

@@ -61,7 +61,7 @@ class Grip:
 
 @dataclass(frozen=True, eq=False)
 class _Postures:
-    """Positions of a finger's joints, shape (m, k), and what it looks like there, shape (m, 3)."""
+    """Positions of a finger's joints, shape (m, k), with places and directions, shape (m, 3)."""
 
     q: FloatArray
     tips: FloatArray

@@ -98,9 +98,9 @@ def held_measures(
         is_carried: Whether a conveyor carries the object.
         shakes: Whether the object is shaken after the hold.
     """
-    told = ticks.time >= close_at - 1e-9
-    parts = _parts(ticks, told, shakes=shakes)
-    placed = 0 if is_carried else int(np.argmax(told))
+    is_commanded = ticks.time >= close_at - 1e-9
+    parts = _parts(ticks, is_commanded, shakes=shakes)
+    placed = 0 if is_carried else int(np.argmax(is_commanded))
     on_table = ticks.X_WD, placed
     in_hand, shaken = ((ticks.X_WG, int(np.argmax(parts[p]))) for p in ("lift", "shake"))
     where = on_table, on_table, on_table, in_hand, in_hand, shaken
@@ -110,7 +110,7 @@ def held_measures(
         mm, deg = _displacements(X_WF, ticks.X_WO, p_OCoM, first)
         found[f"moved_{part}_mm"] = float(np.max(mm[during])) if known else None
         found[f"turned_{part}_deg"] = float(np.max(deg[during])) if known else None
-    gave_up = bool(np.any(told & (ticks.phase == GraspPhase.BACK_OFF)))
+    gave_up = bool(np.any(is_commanded & (ticks.phase == GraspPhase.BACK_OFF)))
     lasted = ticks.time[-1] - ticks.since[-1]
     is_over = shakes and ticks.phase[-1] == GraspPhase.HOLD and lasted >= SHAKE_END - 1e-9
     held = False if gave_up or part_moved(found) else True if is_over else None
@@ -130,13 +130,13 @@ def part_moved(measures: Mapping[str, float | None]) -> str | None:
     return None
 
 
-def _parts(ticks: GraspTicks, told: BoolArray, *, shakes: bool) -> dict[str, BoolArray]:
+def _parts(ticks: GraspTicks, is_commanded: BoolArray, *, shakes: bool) -> dict[str, BoolArray]:
     """Returns which ticks are in each of the `PARTS`, in their order."""
     holds, lasted = ticks.phase == GraspPhase.HOLD, ticks.time - ticks.since
     shaken = holds & (lasted >= HOLD_DURATION - 1e-9) & shakes
     return {
-        "before": ~told,
-        "closing": told & (ticks.phase <= GraspPhase.CLOSE),
+        "before": ~is_commanded,
+        "closing": is_commanded & (ticks.phase <= GraspPhase.CLOSE),
         "squeeze": ticks.phase == GraspPhase.SQUEEZE,
         "lift": ticks.phase == GraspPhase.LIFT,
         "hold": holds & ~shaken,
