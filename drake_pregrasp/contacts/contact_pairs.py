@@ -112,7 +112,7 @@ class OppositePoints:
         """
         index = np.flatnonzero(np.abs(self._normals @ up) < -OPPOSITE)
         least = np.inf
-        for i in index:  # A row at a time: all pairs at once are too large for memory.
+        for i in index[:, None]:  # A row at a time: all pairs at once are too large for memory.
             off, width = self.errors(pair, i, index)
             least = float(np.min(width, where=off < np.inf, initial=least))
         return least
