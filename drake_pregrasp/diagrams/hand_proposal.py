@@ -213,7 +213,7 @@ def _drives(
         kinds.setdefault(drive, []).append(joint.name())
     drives = [Drive(names, *values) for values, names in kinds.items()]
     most = max(range(len(drives)), key=lambda i: len(drives[i].joints))
-    drives[most] = replace(drives[most], joints=[])  # Which stands for all others.
+    drives[most] = replace(drives[most], joints=[])  # No names: all other joints.
     return drives
 
 
@@ -224,9 +224,9 @@ def _drive(actuator: JointActuator | None, *, is_arm: bool) -> tuple[float, floa
     if actuator is not None and np.isfinite(actuator.effort_limit()):
         effort = float(actuator.effort_limit())
     if actuator is not None and actuator.has_controller():
-        gains, inertia = actuator.get_controller_gains(), float(actuator.default_rotor_inertia())
+        gains, inertia = actuator.get_controller_gains(), actuator.default_reflected_inertia()
         critical = 2 * np.sqrt(gains.p * inertia)
-        return float(gains.p), round(float(gains.d or critical), 4), inertia, effort
+        return float(gains.p), round(float(gains.d or critical), 4), float(inertia), effort
     if is_arm:
         return _ARM_STIFFNESS * effort, _ARM_DAMPING * effort, _ARM_INERTIA, effort
     return usual.stiffness, usual.damping, usual.rotor_inertia, effort
