@@ -218,11 +218,11 @@ class HandDescription:
     def jaws(self) -> list[Pair]:
         """Pairs of contacts that must be opposite each other.
 
-        Two fingers with one joint each are the jaws of a parallel gripper: their contacts are on a
-        line along which both jaws move.
+        Two fingers with one joint each, and no others, are the jaws of a parallel gripper: their
+        contacts are on a line along which both jaws move.
         """
-        jaws = [index for index, tip in enumerate(self.fingertips) if len(tip.home) == 1]
-        return [Pair(*jaws)] if len(jaws) == 2 else []
+        joints = [len(tip.home) for tip in self.fingertips]
+        return [Pair(0, 1)] if joints == [1, 1] else []
 
     @property
     def palm_height(self) -> float:

@@ -8,7 +8,7 @@ from pages import DOCS, blocks
 from pydrake.multibody.plant import MultibodyPlant
 
 from drake_pregrasp import HandDescription, HandModel, InvalidArgumentError, load_hand
-from drake_pregrasp.config.hand_description import Drive, LockedJoint, Mount
+from drake_pregrasp.config.hand_description import Drive, Fingertip, LockedJoint, Mount
 from drake_pregrasp.diagrams.directive_files import checked_copy
 from drake_pregrasp.diagrams.hand_parsing import add_hand_model
 
@@ -107,3 +107,9 @@ def test_included_parts_of_an_mjcf_are_read_once_from_allowed_folders(tmp_path):
         with pytest.raises(InvalidArgumentError, match=problem):
             checked_copy(other, [folder])
         other.unlink()
+
+
+@pytest.mark.parametrize(("joints", "pairs"), [([1, 1], 1), ([1, 1, 3], 0), ([1, 2], 0)])
+def test_two_fingers_with_a_joint_each_are_jaws_if_there_are_no_others(joints, pairs):
+    tips = [Fingertip(home=[0.0] * count) for count in joints]
+    assert len(HandDescription(fingertips=tips).jaws) == pairs
