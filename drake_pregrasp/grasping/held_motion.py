@@ -29,9 +29,8 @@ def common_shift(
     """Returns the shift of an object that fingertips stick to, and the stiffness against it.
 
     At rest, drives of stiffness K_q that feel forces f of the object on the fingertips let these
-    shift by J K_q⁻¹ Jᵀ f, through the joints of the fingers and of what carries them. K is the net
-    force Σ f_i per shift that all fingertips have in common. That is their mean, weighted by the
-    inverse of each one's mean compliance: turns and tilts of the object then cancel out most.
+    shift by J K_q⁻¹ Jᵀ f, through the joints of the fingers and of what carries them. The shift of
+    the object is the one that causes the same net force F = Σ f_i if all fingertips shift by it.
 
     Args:
         shifts: Shifts of the fingertips from their goals in W, shape (n, 3), in metres.
@@ -39,16 +38,17 @@ def common_shift(
         stiffness: Proportional gain of each joint, shape (nq,), in N m/rad or N/m.
 
     Returns:
-        The shift in W, shape (3,), in metres, and the horizontal stiffness K of all fingertips
-        together, shape (2, 2), in N/m.
+        The shift in W, shape (3,), in metres: its height is the mean. And the horizontal stiffness
+        K of all fingertips together, shape (2, 2), in N/m, so that F is K times the shift.
     """
     n = len(shifts)
     J = J_WT[:, :2].reshape(2 * n, -1)
     together = np.tile(np.eye(2), (n, 1))
     compliance = J / stiffness @ J.T + _LEAST_COMPLIANCE * np.eye(2 * n)
-    K = together.T @ np.linalg.solve(compliance, together)
-    weights = 1 / np.sum(np.diag(compliance).reshape(n, 2), axis=1)
-    return weights @ shifts / np.sum(weights), K
+    forces = np.linalg.solve(compliance, np.column_stack([together, shifts[:, :2].ravel()]))
+    net = together.T @ forces
+    K = net[:, :2]
+    return np.append(np.linalg.solve(K, net[:, 2]), np.mean(shifts[:, 2])), K
 
 
 @dataclass(frozen=True, eq=False)
