@@ -123,7 +123,7 @@ class HandController(Diagram):
                 p_OCoM=p_OCoM,
                 object_solid=object_solid,
                 efforts=hand.kinematics.efforts,
-                stiffness=hand.kinematics.stiffness,
+                stiffness=hand.kinematics.level_stiffness(self.initial),
                 palm_axis=R_LA[:, 2],
             ),
         )

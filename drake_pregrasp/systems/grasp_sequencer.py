@@ -28,7 +28,7 @@ from drake_pregrasp.grasping.grasp_state import (
     state_unpacker,
 )
 from drake_pregrasp.grasping.hand_commands import GraspCommand
-from drake_pregrasp.grasping.held_motion import FRICTION_SHARE, TETHER, HeldMotion, common_shift
+from drake_pregrasp.grasping.held_motion import FRICTION_SHARE, TETHER, HeldMotion
 from drake_pregrasp.systems import ports
 from drake_pregrasp.systems.squeeze_program import plan_squeeze
 
@@ -113,8 +113,7 @@ class GraspSequencer(LeafSystem):
     have touched the object. If the port is unconnected, the object is tracked.
 
     Port `J_WT` (optional) accepts a vector of 3n nq: the Jacobians of the fingertips' velocities in
-    W, shape (n, 3, nq). If it is finite, the squeeze is within the largest torques of the joints,
-    and G yields to the object.
+    W, shape (n, 3, nq). If it is finite, the squeeze is within the largest torques of the joints.
 
     Port `blocked_finger` (optional) accepts a vector of 1: the finger whose links stop the hand,
     `BASE`, or `NOT_BLOCKED` (`DifferentialKinematics`). The report says so while the hand stands.
@@ -146,8 +145,7 @@ class GraspSequencer(LeafSystem):
         p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
         object_solid: The object in O; None to plan the squeeze at the contacts of `contacts`.
         efforts: Largest torque of each joint, shape (nq,), in N m; empty for no limits.
-        stiffness: Proportional gain of each joint, shape (nq,), in N m/rad or N/m; empty if G does
-            not yield to the object.
+        stiffness: Horizontal stiffness of the fingertips, or of each, shape (n,), in N/m.
         palm_axis: Unit vector from the object to the palm in W, shape (3,).
 
     Raises:
@@ -163,7 +161,7 @@ class GraspSequencer(LeafSystem):
         fingertips: Sequence[Fingertip] = (),
         object_solid: SignedDistance | None = None,
         efforts: FloatArray | None = None,
-        stiffness: FloatArray | None = None,
+        stiffness: float | FloatArray = 400.0,
         palm_axis: FloatArray = _UP,
     ) -> None:
         super().__init__()
@@ -173,7 +171,7 @@ class GraspSequencer(LeafSystem):
         self._settings = config.make_settings(fingertips)
         self._palm_axis, self._lift_axis = palm_axis, config.lift_axis
         self._solid, self._efforts = object_solid, np.empty(0) if efforts is None else efforts
-        self._stiffness = np.empty(0) if stiffness is None else stiffness
+        self._stiffness: FloatArray = np.broadcast_to(np.asarray(stiffness, dtype=float), n)
         self._radius = np.array([tip.radius for tip in fingertips])
         self._patch_radii = np.array([tip.patch_radius for tip in fingertips])
         first = GraspState.first(n, self._settings)
@@ -195,12 +193,12 @@ class GraspSequencer(LeafSystem):
         cache, output = partial(ports.declare_cache, self), partial(ports.declare_output, self)
         model = _Memory(first, _AT_REST, np.empty((n, 3)), False, True, False)
         self._memory = memory = cache("memory", model, self._calc_memory, stored)
-        sources = (time, stored, self._p_WT, self._J_WT)
+        sources = (time, stored, self._p_WT)
         self._held = held = cache("motion of held object", _AT_REST, self._calc_held, *sources)
-        pose = self._pose.source
-        self._near = near = cache("near the estimate", _AT_REST, self._calc_near, held, pose)
+        words, seen = "motion near the estimate", self._pose.source
+        self._near = near = cache(words, _AT_REST, self._calc_near, held, seen)
         any_value = AbstractValue.Make(object())
-        also = (pose, self._V_WO, self._contacts)
+        also = (seen, self._V_WO, self._contacts)
         command = cache("command", object(), self._calc_command, time, near, *also)
         self._command = command
         output("command", any_value, command.Eval, command)
@@ -235,14 +233,13 @@ class GraspSequencer(LeafSystem):
         if state.phase == GraspPhase.BACK_OFF:
             return now
         p_WT = validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
-        J_WT = self._jacobians(context)
         on = state.active & np.all(np.isfinite(p_WT) & np.isfinite(p_GT), axis=1)
-        if J_WT is None or not len(self._stiffness) or not np.any(on):
+        if not np.any(on):
             return now
-        shifts = p_WT[on] - now.p_WG - p_GT[on] @ now.R_WG.T
-        shift, K = common_shift(shifts, J_WT[on], self._stiffness)
+        k = self._stiffness[on]
+        f = k @ (p_WT[on] - now.p_WG - p_GT[on] @ now.R_WG.T)
         friction = FRICTION_SHARE * self._config.planned_friction * GRAVITY * self._mass
-        return now.yielding(shift, K, friction, time - last.time, self._config.period)
+        return now.yielding(f, np.sum(k), friction, time - last.time, self._config.period)
 
     def _calc_near(self, context: Context) -> HeldMotion:
         """Returns the motion of G, no farther from the estimate than the tether."""
@@ -297,13 +294,6 @@ class GraspSequencer(LeafSystem):
         contacts, n = self._contacts.Eval(context), len(self._radius)
         p_OC, nhat = validated_numbers(contacts[: 6 * n]).reshape(2, n, 3)
         return p_OC, nhat, contacts[6 * n :] > 0
-
-    def _jacobians(self, context: Context) -> FloatArray | None:
-        """Returns the Jacobians of `J_WT`, shape (n, 3, nq); None if they are unknown."""
-        if not self._J_WT.HasValue(context):
-            return None
-        J_WT = validated_numbers(self._J_WT.Eval(context)).reshape(len(self._radius), 3, -1)
-        return J_WT if np.isfinite(J_WT).all() else None
 
     def _tips(self, context: Context) -> FloatArray:
         """Returns the fingertips' centres in G, shape (n, 3), in metres."""
@@ -367,14 +357,17 @@ class GraspSequencer(LeafSystem):
         # A ramp of duration T over the height h accelerates by at most 6 h / T^2.
         lift = 6 * settings.lift_height / settings.lift_duration**2
         load_O = -self._mass * (GRAVITY * _UP + lift * self._lift_axis) @ R_WO
-        J_WT = self._jacobians(context)
+        jacobians = None
+        if self._J_WT.HasValue(context):
+            J_WT = validated_numbers(self._J_WT.Eval(context)).reshape(len(active), 3, -1)[active]
+            jacobians = R_WO.T @ J_WT if np.all(np.isfinite(J_WT)) else None
         plan = partial(
             plan_squeeze,
             *(p_OC - self._p_OCoM, nhat, np.append(load_O, np.zeros(3))),
             friction=self._config.planned_friction,
             largest_normal=np.broadcast_to(settings.largest_force, active.shape)[active],
             patch_radii=self._patch_radii[active],
-            jacobians=None if J_WT is None else R_WO.T @ J_WT[active],
+            jacobians=jacobians,
             efforts=self._efforts,
         )
         planned = plan(least_normal=settings.least_force)

@@ -18,6 +18,7 @@ from drake_pregrasp.grasping.grasp_state import BASE
 LARGEST_RATE = 10.0
 """Largest rate of any joint, in rad/s or m/s."""
 
+_STIFFEST = 1e7  # Largest horizontal stiffness of a finger, in N/m.
 _LEAST_SHARE = 0.08  # Singular value of a Jacobian below which it is damped, of its largest one.
 
 
@@ -76,6 +77,20 @@ class HandKinematics:
     def pose(self, q: FloatArray) -> HandPose:
         """Returns the kinematics at positions of the joints, shape (nq,); NaN where these are."""
         return self._forward(self._tree, q)
+
+    def level_stiffness(self, q: FloatArray) -> FloatArray:
+        """Returns the horizontal stiffness of each finger at its tip, shape (n,), in N/m.
+
+        It is the inverse of the mean over horizontal directions of the compliance J K_p^-1 J^T of
+        the finger's own joints, and at most `_STIFFEST`: the base counts as rigid. For the jaws of
+        a gripper, which yield along one line, it is too large by 2 along it, and too small across.
+
+        Args:
+            q: Positions of the joints, shape (nq,).
+        """
+        J = (self.pose(q).J_WT * self._is_own[:, None])[:, :2]
+        compliance = np.sum(J**2 / self.stiffness, axis=(1, 2)) / 2
+        return np.asarray(1 / np.maximum(compliance, 1 / _STIFFEST))
 
     def with_limited_forces(
         self, J_WT: FloatArray, torques: FloatArray, limits: FloatArray

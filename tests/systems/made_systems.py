@@ -79,7 +79,6 @@ def make_shaper(
 def make_sequencer(config=None, object_solid=None, **changes):
     tips = [Fingertip(radius=RADIUS)] * N
     ball, efforts = dp.BallSolid(np.zeros(3), 0.05), np.full(NQ, 9.0)
-    changes = {"stiffness": np.full(NQ, 400.0), **changes}
     return dp.GraspSequencer(
         config or dp.GraspConfig(),
         fingertips=tips,

@@ -10,7 +10,6 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
 from drake_pregrasp import HandModel, InvalidArgumentError, load_hand
-from drake_pregrasp.grasping.held_motion import common_shift
 from drake_pregrasp.systems.fingertip_sensor import FingertipSensor
 from drake_pregrasp.systems.hand_kinematics import HandKinematics
 
@@ -55,23 +54,6 @@ def test_a_finger_of_one_joint_feels_the_force_along_its_motion_alone():
     felt = Driven(FingertipSensor(gripper.kinematics), **inputs).array("f_T_W").reshape(2, 3)
     line = np.array([np.cos(0.4), np.sin(0.4), 0.0])
     np.testing.assert_allclose(felt, np.outer(pressed @ line, line), atol=1e-6)
-
-
-@pytest.mark.parametrize("name", ["gripper", "five_finger_hand"])
-def test_a_common_shift_takes_the_least_energy_of_all_drives(name):
-    """The drives store half of d · K d, whichever joints carry the fingertips."""
-    model = HandModel(load_hand(f"package://drake_pregrasp/{name}.yaml"))
-    hand, yaw = model.kinematics, 0.4
-    J = hand.pose(model.home(np.array([0.1, -0.05, 0.05]), yaw)).J_WT
-    _, K = common_shift(np.zeros((len(J), 3)), J, hand.stiffness)
-    scaled = J[:, :2].reshape(-1, len(hand.stiffness)) / np.sqrt(hand.stiffness)
-    for d in ([1.0, 0.0], [0.6, 0.8]):
-        energy = np.sum((np.linalg.pinv(scaled) @ np.tile(d, len(J))) ** 2)
-        assert d @ K @ d == pytest.approx(energy, rel=0.01)
-    if name == "gripper":  # Two jaws of 1 kN/m, and its carrier of 100 kN/m, in turned axes.
-        along, across = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
-        assert along @ K @ along == pytest.approx(1 / (1 / 2000 + 1 / 1e5), rel=0.01)
-        assert across @ K @ across == pytest.approx(1e5, rel=0.01)
 
 
 LINK = """<link name="{}"><inertial><mass value="1"/>

@@ -14,8 +14,6 @@ from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase
 from drake_pregrasp.grasping.held_motion import FRICTION_SHARE, TETHER
 
 SLACK = FRICTION_SHARE * GraspConfig.planned_friction * 9.81 * 0.4 / (5 * 400.0)
-LEVEL = np.zeros((N, 3, NQ))  # Each fingertip has a joint along x and one along y.
-LEVEL[:, :2, : 2 * N] = np.eye(2 * N).reshape(N, 2, 2 * N)
 AT_TABLE = RigidTransform(RotationMatrix.MakeXRotation(0.3), [0.0, 0.0, 0.05])
 
 
@@ -32,7 +30,6 @@ def sequencer_over(X_WO, sequencer=None):
         V_WO_estimated=SpatialVelocity.Zero(),
         p_WT=tips_at(X_WO, 0.0),
         f_T_W=np.zeros(3 * N),
-        J_WT=LEVEL.ravel(),
     )
 
 
