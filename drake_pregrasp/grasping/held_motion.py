@@ -10,7 +10,7 @@ from drake_pregrasp.geometry.rotations import rotation_matrix
 COMPLIANCE = 0.8
 """Ratio K h/D of the fingers' stiffness K and the damping D, with the control period h."""
 
-INVERTANCE = 0.9
+INVERTANCE = 1.8
 """Ratio K h²/M of the fingers' stiffness K and the virtual mass M, with the control period h."""
 
 FRICTION_SHARE = 0.5
