@@ -233,7 +233,6 @@ def test_the_page_on_the_study_says_what_its_file_does():
     for words in (CLEAN_IN_WORDS, HELD_IN_WORDS):
         assert words in " ".join(text.split())
     assert f"{len(study.jobs()):,} trials" in text
-    assert f"from {study.config.first_seed} on" in text
 
 
 def test_the_guide_to_studies_names_what_there_is(capsys):
