@@ -166,7 +166,6 @@ def test_export_and_replay_refuse_options_without_effect(tmp_path, capsys):
         ("export {} --simulation_duration 9", "--simulation_duration: has no effect on a run"),
         ("export {} --out other", "--out: has no effect on a run folder"),
         ("replay {} --postures --out other", "--out: has no effect on the test of postures"),
-        ("replay {} --postures", "has no hand"),
         ("replay {} --engine drake", "has no hand"),
     ):
         assert main(shlex.split(line.format(tmp_path))) == 2
