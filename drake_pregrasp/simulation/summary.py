@@ -362,6 +362,6 @@ def plot_metrics(path: Path, name: str, scenario: Scenario, log: RunLog, summary
         axes[0].legend(loc="lower right", frameon=False)
     figure.align_ylabels(axes)
     title = f"{name}: {scenario.description}" if scenario.description else name
-    figure.suptitle(printable(title), parse_math=False, wrap=True)
+    figure.suptitle(printable(title), parse_math=False)
     with writing(path), replacing(path) as partial:
         figure.savefig(partial, dpi=130)

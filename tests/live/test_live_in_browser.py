@@ -209,7 +209,8 @@ def test_buttons_do_what_they_say(page, tmp_path):
 
 
 def test_a_hand_closes_when_it_is_told_to(opened):
-    slow = "motion: {linear_velocity: 0.001}"  # The belt stays within the carrier's travel.
+    # The belt stays within the carrier's travel.
+    slow = "motion: {linear_velocity: 0.001, angular_velocity: 0.0}"
     page = opened(
         "grasp_five_finger", f"{{grasp: {{close_at: 1000}}, {slow}, simulation_duration: 2000}}"
     )

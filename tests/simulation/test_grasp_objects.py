@@ -32,7 +32,7 @@ def test_it_is_lifted_and_nothing_but_fingertips_touches_it(name, tmp_path):
     grasp, log = result.summary["grasp"], run_log(result, "grasp.csv")
     assert (grasp["phase"], grasp["gave_up"]) == ("hold", None)
     # A ball has rolled until then, because the belt starts to move.
-    assert grasp["moved_squeeze_mm"] - (grasp["moved_before_mm"] or 0.0) < 1
+    assert grasp["moved_squeeze_mm"] - (grasp["moved_before_mm"] or 0.0) < 1.5
     assert 95 < grasp["lift_height_mm"] < 105
     assert max(grasp["moved_lift_mm"], grasp["moved_hold_mm"]) < 1
     assert set(grasp["link_forces"].values()) == {0.0}
