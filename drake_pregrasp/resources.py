@@ -1,8 +1,12 @@
 """Paths of the package's and of users' files, and bounded reading."""
 
+import atexit
 import dataclasses
+import functools
 import importlib.util
 import os
+import shutil
+import tempfile
 from collections.abc import Sequence
 from importlib.machinery import PathFinder
 from pathlib import Path
@@ -198,3 +202,16 @@ def _absolute(
     except InvalidArgumentError as error:
         raise ScenarioError(source, key, str(error)) from error
     return str(path)
+
+
+@functools.cache
+def copies_folder() -> str:
+    """Returns a folder for copies that is removed when this process ends, not when a fork does."""
+    folder = tempfile.mkdtemp(prefix="drake_pregrasp-")
+    atexit.register(_remove, folder, os.getpid())
+    return folder
+
+
+def _remove(folder: str, owner: int) -> None:
+    if os.getpid() == owner:
+        shutil.rmtree(folder, ignore_errors=True)

@@ -60,7 +60,7 @@ PLACED, SETTLED, STABLE = "placed", "settled", "stable"
 
 @dataclass(kw_only=True)
 class Orientation:
-    """How a shape is turned about the origin of O, whose axes are those of W at the start."""
+    """Orientation of a shape about the origin of O, whose axes are those of W at the start."""
 
     # Roll, pitch and yaw of the shape in O, in radians.
     rpy: list[float] = field(default_factory=zeros, metadata=POINT)

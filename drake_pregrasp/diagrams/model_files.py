@@ -4,13 +4,9 @@ Drake's parser follows every name that a model holds, to anywhere on this machin
 a copy only: an XML tree of elements and attributes on a list, and meshes that are written anew.
 """
 
-import atexit
-import functools
 import hashlib
 import logging
 import math
-import os
-import shutil
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -30,7 +26,7 @@ from drake_pregrasp.diagrams.package_files import (
 )
 from drake_pregrasp.errors import InvalidArgumentError, printable
 from drake_pregrasp.geometry.meshes import MESH_SUFFIXES, companions, read_pieces
-from drake_pregrasp.resources import check_inside, real_path, resource_folder
+from drake_pregrasp.resources import check_inside, copies_folder, real_path, resource_folder
 from drake_pregrasp.robots.robot_meshes import write_obj
 from drake_pregrasp.robots.urdf_repair import DRAKE
 
@@ -389,16 +385,3 @@ def _numbers(element: Element) -> Iterator[float]:
             yield float(word)
         except ValueError:
             continue
-
-
-@functools.cache
-def copies_folder() -> str:
-    """Returns a folder for copies that is removed when this process ends, not when a fork does."""
-    folder = tempfile.mkdtemp(prefix="drake_pregrasp-")
-    atexit.register(_remove, folder, os.getpid())
-    return folder
-
-
-def _remove(folder: str, owner: int) -> None:
-    if os.getpid() == owner:
-        shutil.rmtree(folder, ignore_errors=True)

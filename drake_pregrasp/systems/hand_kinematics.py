@@ -82,8 +82,8 @@ class HandKinematics:
         """Returns the horizontal stiffness of each finger at its tip, shape (n,), in N/m.
 
         It is the inverse of the mean over horizontal directions of the compliance J K_p^-1 J^T of
-        the finger's own joints, and at most `_STIFFEST`: the base counts as rigid. For the jaws of
-        a gripper, which yield along one line, it is too large by 2 along it, and too small across.
+        the finger's own joints, and bounded: the base counts as rigid. For the jaws of a gripper,
+        which yield along one line, it is too large by 2 along it, and too small across.
 
         Args:
             q: Positions of the joints, shape (nq,).

@@ -56,6 +56,22 @@ def test_a_finger_of_one_joint_feels_the_force_along_its_motion_alone():
     np.testing.assert_allclose(felt, np.outer(pressed @ line, line), atol=1e-6)
 
 
+def test_the_stiffness_of_a_finger_is_the_inverse_of_its_mean_compliance():
+    hand = HAND.kinematics
+    for finger, stiffness in enumerate(hand.level_stiffness(Q)):
+        own = hand.own_joints(finger)
+        J = hand.pose(Q).J_WT[finger][:2, own]
+        compliance = J @ np.diag(1 / hand.stiffness[own]) @ J.T
+        assert 1 / stiffness == pytest.approx(np.mean(np.linalg.eigvalsh(compliance)))
+
+
+def test_the_stiffness_of_a_finger_that_moves_up_and_down_only_is_finite(monkeypatch):
+    pose = HAND.kinematics.pose(Q)
+    upright = pose._replace(J_WT=pose.J_WT * [[0.0], [0.0], [1.0]])
+    monkeypatch.setattr(HAND.kinematics, "pose", lambda q: upright)
+    assert np.isfinite(HAND.kinematics.level_stiffness(Q)).all()
+
+
 LINK = """<link name="{}"><inertial><mass value="1"/>
   <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>"""
 JOINT = """<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/>
