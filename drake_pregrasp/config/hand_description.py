@@ -191,8 +191,8 @@ class HandDescription:
 
     # An SDF, a URDF or an MJCF, or Drake model directives (.dmd.yaml) with several models: a path
     # from this file's folder, package://drake_pregrasp/... for a shipped model, or
-    # robots://allegro_hand.urdf and others of the extra `robots`. Where several models have a link,
-    # joint or frame of the same name, keys name it as model::name.
+    # robots://allegro_hand.urdf and others of the extra `robots`. Or the list of directives.
+    # Where models have a link, joint or frame of the same name, keys name it as model::name.
     model: str = field(default="", metadata={"required": True, "path": True})
 
     # Base of the palm: !Carrier or !Arm.

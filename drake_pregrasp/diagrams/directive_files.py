@@ -18,7 +18,10 @@ from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
 from drake_pregrasp.resources import check_inside, real_path, resource_folder
 from drake_pregrasp.robots.robot_models import ROBOTS_URL, cache_folder, robot_model
 
-DIRECTIVES = (".dmd.yaml", ".dmd.yml")
+YAML = (".yaml", ".yml")
+"""Suffixes of files with model directives, and of descriptions of hands."""
+
+DIRECTIVES = tuple(f".dmd{suffix}" for suffix in YAML)
 """Ends of the names of files with model directives."""
 
 _KIND = "dmd.yaml"  # As Drake's parser calls them.
@@ -33,7 +36,8 @@ def checked_copy(file: Path, folders: Sequence[Path] | None = None) -> CheckedMo
     read by directives as they are, except MJCF.
 
     Args:
-        file: Path of an SDF, a URDF, an MJCF or model directives.
+        file: Path of an SDF, a URDF, an MJCF or model directives, or of a hand's description whose
+            `model` is a list of directives.
         folders: Folders that the file may be in, or below; None for any folder. The files that it
             names may also be in the packages of `find_packages`.
 
@@ -45,7 +49,7 @@ def checked_copy(file: Path, folders: Sequence[Path] | None = None) -> CheckedMo
     allowed += find_packages(file).values()
     if file not in _copies or _copies[file][0] != _stamps(_copies[file][1].files):
         totals = Totals()
-        if file.name.endswith(DIRECTIVES):
+        if file.suffix in YAML:
             text = _copied_directives(file, allowed, totals)
             copy = CheckedModel(text, _KIND, tuple(totals.files))
         else:
@@ -78,22 +82,25 @@ def _copied_directives(file: Path, allowed: Sequence[Path], totals: Totals) -> s
         data = parse_yaml(str(file), read_text(file))
     except ScenarioError as error:
         raise InvalidArgumentError(f"model: {error}") from error
+    # A file of directives only, or the description of a hand.
+    key = "directives" if file.name.endswith(DIRECTIVES) else "model"
     copies = []  # And no changes in place, because aliases share mappings.
-    for directive in _directives(data, file):
+    for directive in _directives(data, key, file):
         copies.append(dict(directive))
         for kind, content in directive.items():
             try:
                 copies[-1][kind] = _copied_content(content, file, allowed, totals)
             except InvalidArgumentError as error:
                 raise InvalidArgumentError(f"model: {file}: {kind}: {error}") from error
-    return dump_yaml({**data, "directives": copies})
+    others = data if key == "directives" else {}
+    return dump_yaml({**others, "directives": copies})
 
 
-def _directives(data: Any, file: Path) -> list[dict[Any, Any]]:
-    directives = data.get("directives") if isinstance(data, dict) else None
+def _directives(data: Any, key: str, file: Path) -> list[dict[Any, Any]]:
+    directives = data.get(key) if isinstance(data, dict) else None
     if isinstance(directives, list) and all(isinstance(one, dict) for one in directives):
         return directives
-    raise InvalidArgumentError(f"model: {file}: directives: it must be a list of mappings")
+    raise InvalidArgumentError(f"model: {file}: {key}: it must be a list of mappings")
 
 
 def _copied_content(content: Any, file: Path, allowed: Sequence[Path], totals: Totals) -> Any:

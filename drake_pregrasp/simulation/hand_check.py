@@ -13,15 +13,15 @@ from pydrake.math import RigidTransform
 from pydrake.planning import RobotDiagramBuilder
 
 from drake_pregrasp.config.hand_description import Drive, HandDescription
-from drake_pregrasp.config.yaml_text import TAG_KEY, dump_yaml, parse_entries, read_text
-from drake_pregrasp.diagrams.directive_files import DIRECTIVES
+from drake_pregrasp.config.yaml_text import TAG_KEY, dump_yaml
+from drake_pregrasp.diagrams.directive_files import DIRECTIVES, YAML
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_parsing import add_hand_model
 from drake_pregrasp.diagrams.hand_proposal import propose_hand
 from drake_pregrasp.errors import InvalidArgumentError, PregraspError, problems_of
 from drake_pregrasp.grasping.finger_homes import OBJECT_RADIUS
 from drake_pregrasp.resources import resolve_path
-from drake_pregrasp.simulation.hand_file import check_model_files, load_hand, made_hand
+from drake_pregrasp.simulation.hand_file import check_model_files, hand_data, load_hand, made_hand
 from drake_pregrasp.simulation.recording import start_meshcat
 from drake_pregrasp.simulation.schema_check import mapping_problems
 from drake_pregrasp.systems.drawing import contact_color
@@ -29,7 +29,6 @@ from drake_pregrasp.systems.drawing import contact_color
 _CAMERA = (0.35, -0.45, 0.25)  # Place of the camera relative to the object, in metres.
 _PALE = 0.2  # Opacity of a reach.
 _OBJECT_COLOR = Rgba(0.5, 0.5, 0.5, 0.3)
-_KINDS = (".yaml", ".yml")
 
 
 @dataclasses.dataclass
@@ -57,7 +56,7 @@ def check_hand(file: str, *, folders: Sequence[str | Path] | None = None) -> Han
             the working directory, or a URL as in `HandDescription.model`.
         folders: Folders that may hold files which it names, besides its own; as for `load_hand`.
     """
-    is_proposal = not file.endswith(_KINDS) or file.endswith(DIRECTIVES)
+    is_proposal = not file.endswith(YAML) or file.endswith(DIRECTIVES)
     description = None
     try:
         if is_proposal:
@@ -77,8 +76,7 @@ def check_hand(file: str, *, folders: Sequence[str | Path] | None = None) -> Han
 
 def _schema_problems(file: str) -> list[str]:
     """Returns the problems of the keys and values of a description, without its model."""
-    path = resolve_path(file, Path.cwd())
-    data = parse_entries(str(path), read_text(path))
+    data = hand_data(resolve_path(file, Path.cwd()))
     found = mapping_problems("", data, HandDescription)
     return [": ".join(filter(None, (key, problem))) for key, problem in found]
 

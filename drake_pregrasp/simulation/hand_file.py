@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
@@ -71,7 +72,7 @@ def load_hand(file: str | Path, *, folders: Sequence[str | Path] | None = None) 
         path = resolve_path(str(file), Path.cwd())
     except InvalidArgumentError as error:
         raise ScenarioError(str(file), "", str(error)) from error
-    data = parse_entries(str(path), read_text(path))
+    data = hand_data(path)
     description = load_checked(str(path), "", data, HandDescription())
     allowed = None if folders is None else [path.parent, *map(Path, folders)]
     make_paths_absolute(description, path.parent, allowed=allowed, source=str(path))
@@ -81,6 +82,18 @@ def load_hand(file: str | Path, *, folders: Sequence[str | Path] | None = None) 
         except InvalidArgumentError as error:
             raise ScenarioError(str(path), "", str(error)) from error
     return description
+
+
+def hand_data(path: Path) -> Any:
+    """Returns the content of a description; the file itself is the model if it lists directives.
+
+    Raises:
+        ScenarioError: If it is not valid YAML, or exceeds a limit.
+    """
+    data = parse_entries(str(path), read_text(path))
+    if isinstance(data, dict) and isinstance(data.get("model"), list):
+        data["model"] = str(path)
+    return data
 
 
 def check_model_files(model: str, allowed: Sequence[Path]) -> None:

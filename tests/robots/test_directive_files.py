@@ -68,6 +68,20 @@ def test_files_elsewhere_and_broken_directives_are_refused_in_one_line(folder, t
     assert "own.dmd.yaml" in str(error.value)
 
 
+def test_a_description_lists_directives_as_a_file_does(folder):
+    (file := folder / "hand.yaml").write_text(
+        ADD.format("part.urdf").replace("directives", "model") + "fingertips: [{frame: tip}]\n"
+    )
+    copy = checked_copy(file, [folder])
+    assert copy.text == checked_copy(folder / "arm.dmd.yaml", [folder]).text
+    file.write_text(ADD.format("../secret.urdf").replace("directives", "model"))
+    with pytest.raises(InvalidArgumentError, match=r"hand.yaml: add_model: .*is outside of"):
+        checked_copy(file, [folder])
+    file.write_text("model: [arm.urdf]")
+    with pytest.raises(InvalidArgumentError, match=r"hand.yaml: model: it must be a list of map"):
+        checked_copy(file, [folder])
+
+
 @pytest.mark.parametrize(
     "directives",
     [

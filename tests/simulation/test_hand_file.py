@@ -56,6 +56,14 @@ def test_a_model_is_found_from_the_folder_of_its_description(tmp_path, monkeypat
     np.testing.assert_array_equal(HandModel(hand).azimuths, HandModel(load_hand(SHIPPED)).azimuths)
 
 
+def test_a_description_may_list_model_directives_as_its_model(tmp_path):
+    text = re.sub("model: .*", "model: [add_model: {name: five, file: own.sdf}]", SHIPPED_TEXT)
+    (tmp_path / "own.sdf").write_text(MODEL)
+    (path := tmp_path / "hand.yaml").write_text(text)
+    listed = HandModel(load_hand(path, folders=[]))
+    np.testing.assert_array_equal(listed.p_HT, HandModel(load_hand(SHIPPED)).p_HT)
+
+
 @pytest.mark.parametrize(
     ("kind", "keys"),
     [
