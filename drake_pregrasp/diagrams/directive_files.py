@@ -24,16 +24,16 @@ YAML = (".yaml", ".yml")
 DIRECTIVES = tuple(f".dmd{suffix}" for suffix in YAML)
 """Ends of the names of files with model directives."""
 
-_KIND = "dmd.yaml"  # As Drake's parser calls them.
+DIRECTIVES_KIND = "dmd.yaml"
+"""Name of model directives' format for Drake's parser."""
+
 _ROOT = Path("/")
-_copies: dict[Path, tuple[list[tuple[int, int]], CheckedModel]] = {}
 
 
 def checked_copy(file: Path, folders: Sequence[Path] | None = None) -> CheckedModel:
     """Returns a checked copy of a model, or of model directives whose files are checked copies.
 
-    It is cached until one of its files changes. Models that this package ships or has made are
-    read by directives as they are, except MJCF.
+    Models that this package ships or has made are read by directives as they are, except MJCF.
 
     Args:
         file: Path of an SDF, a URDF, an MJCF or model directives, or of a hand's description whose
@@ -47,29 +47,26 @@ def checked_copy(file: Path, folders: Sequence[Path] | None = None) -> CheckedMo
     allowed = [_ROOT] if folders is None else list(folders)
     check_inside(file, allowed)
     allowed += find_packages(file).values()
-    if file not in _copies or _copies[file][0] != _stamps(_copies[file][1].files):
-        totals = Totals()
-        if file.suffix in YAML:
-            text = _copied_directives(file, allowed, totals)
-            copy = CheckedModel(text, _KIND, tuple(totals.files))
-        else:
-            copy = checked_model(file, allowed, totals)
-        _copies[file] = _stamps(copy.files), copy
-    copy = _copies[file][1]
+    totals = Totals()
+    if file.suffix in YAML:
+        text = _copied_directives(file, allowed, totals)
+        copy = CheckedModel(text, DIRECTIVES_KIND, tuple(totals.files), tuple(totals.left_out))
+    else:
+        copy = checked_model(file, allowed, totals)
     for found in copy.files:
         check_inside(found, allowed)
     return copy
-
-
-def _stamps(files: Sequence[Path]) -> list[tuple[int, int]]:
-    found = [file.stat() for file in files if file.exists()]
-    return [(stat.st_mtime_ns, stat.st_size) for stat in found]
 
 
 def is_own(model: Path) -> bool:
     """Returns whether a model is shipped with this package, or was made by it."""
     own = (resource_folder("models"), cache_folder())
     return any(model.resolve().is_relative_to(folder.resolve()) for folder in own)
+
+
+def needs_copy(model: Path) -> bool:
+    """Returns whether Drake's parser reads a copy of a model: not of this package's SDF or URDF."""
+    return not (is_own(model) and model.suffix in (".sdf", ".urdf"))
 
 
 def _copied_directives(file: Path, allowed: Sequence[Path], totals: Totals) -> str:
@@ -119,10 +116,10 @@ def _copied_file(name: str, source: Path, allowed: Sequence[Path], totals: Total
     if name.startswith(ROBOTS_URL):
         return robot_model(name).as_uri()
     path = real_path(source.parent / located(name, find_packages(source)))
-    if is_own(path) and path.suffix in (".sdf", ".urdf"):
+    if not needs_copy(path):
         return path.as_uri()
     if path.name.endswith(DIRECTIVES):
-        copy = CheckedModel(_copied_directives(path, allowed, totals), _KIND, ())
+        copy = CheckedModel(_copied_directives(path, allowed, totals), DIRECTIVES_KIND, (), ())
     else:
         copy = checked_model(path, allowed, totals)
     return written_copy(copy).as_uri()

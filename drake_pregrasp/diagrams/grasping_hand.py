@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.geometry import GeometryId, SceneGraph
@@ -30,6 +30,7 @@ from drake_pregrasp.diagrams.hand_instances import (
     set_default_positions,
 )
 from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.diagrams.hand_parsing import read_model
 from drake_pregrasp.diagrams.hand_station import TABLE
 from drake_pregrasp.diagrams.object_contact import (
     contact_problems,
@@ -215,18 +216,11 @@ def AddHandController(
     ):
         raise InvalidArgumentError(f"{key}: {problem}")
     solid = object_solid or MeshSolid.of(surface.mesh)
-    model, start = choose_approach(
-        hand,
-        surface,
-        planner,
-        mass=mass,
-        X_WO=X_WO,
-        config=config,
-        p_OC=p_OC,
-        object_solid=solid,
-        fixed=fixed,
-        X_WB=base_pose(HandModel(hand, config.yaw_range), instances),
-    )
+    # Whoever added the robot to the plant has seen warnings about its model.
+    upright = HandModel(hand, config.yaw_range, model=read_model(hand.model))
+    place = {"solid": solid, "mass": mass, "X_WO": X_WO, "fixed": fixed, "p_OC": p_OC}
+    X_WB = base_pose(upright, instances)
+    model, start = _best_approach(upright, surface, planner, config, X_WB=X_WB, **place)
     planner = start_grasp.hand_planner(planner, config, model.description)
     start_grasp.check_room(model.description, start.has_contact)
     check_torques(model, config, surface, start, X_WO, mass)
@@ -320,22 +314,40 @@ def choose_approach(
             match, or the hand has the orientation of none of the approaches.
     """
     config, solid = config or GraspConfig(), object_solid or MeshSolid.of(surface.mesh)
-    R_WO, hands = X_WO.rotation().matrix(), []
     upright = HandModel(hand, config.yaw_range)
-    table = table_height(fixed)
+    place = {"solid": solid, "mass": mass, "X_WO": X_WO, "fixed": fixed, "p_OC": p_OC}
+    return _best_approach(upright, surface, planner, config, X_WB=X_WB, **place)
+
+
+def _best_approach(
+    upright: HandModel,
+    surface: ObjectSurface,
+    planner: PlannerConfig,
+    config: GraspConfig,
+    *,
+    X_WB: RigidTransform | None,
+    X_WO: RigidTransform,
+    fixed: Sequence[Solid],
+    **place: Any,
+) -> Approach:
+    hand, source = upright.description, upright.model
+    R_WO, hands, table = X_WO.rotation().matrix(), [], table_height(fixed)
     for X_LA in candidate_approaches(config, upright, X_WO, surface.p_OCoM, table):
         up = R_WO.T @ X_LA.rotation().matrix()[:, 2]
         top = float(np.max((surface.mesh.vertices - surface.p_OCoM) @ up))
         if X_WB is None or isinstance(hand.base, Arm) or _is_turned_so(X_WB, X_LA):
-            hands.append(HandModel(hand.over_object(top), config.yaw_range, X_LA, X_WB))
+            raised = hand.over_object(top)
+            hands.append(HandModel(raised, config.yaw_range, X_LA, X_WB, source))
     if not hands:
         words = (
             f"grasp.approaches: the carrier in the plant is turned for none of {config.approaches}"
         )
         raise InvalidArgumentError(f"{words}; pass X_WB to add_hand_model")
-    place = {"solid": solid, "mass": mass, "X_WO": X_WO, "fixed": fixed, "p_OC": p_OC}
     return best_approach(
-        hands, lambda model: start_grasp.start_contacts_of(model, config, planner, surface, **place)
+        hands,
+        lambda model: start_grasp.start_contacts_of(
+            model, config, planner, surface, X_WO=X_WO, fixed=fixed, **place
+        ),
     )
 
 

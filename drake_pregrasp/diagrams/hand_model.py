@@ -6,6 +6,8 @@ from functools import cached_property
 
 import numpy as np
 from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.planning import RobotDiagram, RobotDiagramBuilder
 from scipy.spatial import cKDTree
 
@@ -13,7 +15,8 @@ from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.config.hand_description import Carrier, Fingertip, HandDescription
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams.hand_instances import HandInstances
-from drake_pregrasp.diagrams.hand_parsing import add_hand_model
+from drake_pregrasp.diagrams.hand_parsing import add_read_model, read_model
+from drake_pregrasp.diagrams.model_files import CheckedModel
 from drake_pregrasp.diagrams.palm_base import PalmCarrier, check_home, make_base
 from drake_pregrasp.errors import InvalidArgumentError, ProblemCollector
 from drake_pregrasp.fast import default_kernels
@@ -43,9 +46,12 @@ class HandModel:
             yaw turns, and which points to the palm. From above by default, with A as L.
         X_WB: Pose in W of the frame B that the model calls its world. None: that of W, turned with
             A for a carrier.
+        model: Model of the description from `read_model`, about which warnings have been logged.
+            None: it is read, and warnings are logged.
 
     Attributes:
         description: Description of the hand.
+        model: Its model, as Drake's parser gets it.
         X_LA: Approach of the palm.
         X_WB: Pose of the model's world B in W.
         instances: The hand in the plant of `kinematics`.
@@ -67,14 +73,18 @@ class HandModel:
         yaw_range: tuple[float, float] = FREE_TURN,
         X_LA: RigidTransform = FROM_ABOVE,
         X_WB: RigidTransform | None = None,
+        model: CheckedModel | None = None,
     ) -> None:
         self.description, self._yaw_range, self.X_LA = description, yaw_range, X_LA
+        self.model = model or read_model(description.model)
         if X_WB is None:
             is_turned = isinstance(description.base, Carrier)
             X_WB = RigidTransform(X_LA.rotation(), np.zeros(3)) if is_turned else RigidTransform()
         self.X_WB = X_WB
         self._finger_measures: dict[float, FingerMeasures] = {}
-        self._diagram, self.instances = self._parse()  # The diagram keeps the plant alive.
+        self._diagram, self.instances = self._parse(
+            warns=model is None
+        )  # The diagram keeps the plant alive.
         self.base = make_base(description.base, self.instances, X_LA, X_WB.translation())
         self.kinematics = self._kinematics(self.instances, REFERENCE.hand())
         self.tip_radii: FloatArray = np.array([tip.radius for tip in description.fingertips])
@@ -87,10 +97,21 @@ class HandModel:
         self.withdrawn_radii: FloatArray = np.where(given, given, mean)
         self._check_reach(self.p_HT)
 
-    def _parse(self) -> tuple[RobotDiagram, HandInstances]:
+    def add_to(self, plant: MultibodyPlant, *, warns: bool = False) -> list[ModelInstanceIndex]:
+        """Adds the hand to another plant that is not finalized, as `add_hand_model` does.
+
+        Args:
+            plant: Plant to which the hand is added.
+            warns: Whether warnings about the model are logged.
+        """
+        return add_read_model(
+            plant, self.model, self.description, self._yaw_range, self.X_WB, warns=warns
+        )
+
+    def _parse(self, *, warns: bool = False) -> tuple[RobotDiagram, HandInstances]:
         builder = RobotDiagramBuilder(time_step=0.0)
         plant = builder.plant()
-        models = add_hand_model(plant, self.description, self._yaw_range, self.X_WB)
+        models = self.add_to(plant, warns=warns)
         plant.Finalize()
         diagram = builder.Build()
         return diagram, HandInstances(diagram.plant(), models)

@@ -15,10 +15,17 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
 from drake_pregrasp.config.hand_description import Carrier, HandDescription
+from drake_pregrasp.config.yaml_text import dump_yaml
 from drake_pregrasp.contacts.assignment import FREE_TURN
-from drake_pregrasp.diagrams.directive_files import checked_copy, is_own
+from drake_pregrasp.diagrams.directive_files import (
+    DIRECTIVES_KIND,
+    checked_copy,
+    is_own,
+    needs_copy,
+)
 from drake_pregrasp.diagrams.hand_assembly import assemble_hand
 from drake_pregrasp.diagrams.hand_instances import HandInstances
+from drake_pregrasp.diagrams.model_files import CheckedModel
 from drake_pregrasp.errors import InvalidArgumentError, ProblemsError, first_line
 from drake_pregrasp.resources import resolve_path
 from drake_pregrasp.robots.robot_models import ROBOTS_URL, robot_model
@@ -65,7 +72,8 @@ def add_hand_model(
 ) -> list[ModelInstanceIndex]:
     """Adds a hand to a plant that is not finalized, without gravity, as if it were compensated.
 
-    Drake's parser reads the models of this package, and checked copies of all others.
+    Drake's parser reads the models of this package, and checked copies of all others. Its warnings
+    about others are logged, and what was left out of the copies.
 
     Args:
         plant: Plant to which the hand is added.
@@ -80,7 +88,47 @@ def add_hand_model(
     Raises:
         InvalidArgumentError: If its model cannot be loaded, or does not match its description.
     """
-    instances = _parse(plant, model_path(description.model))
+    copy = read_model(description.model)
+    return add_read_model(plant, copy, description, yaw_range, X_WB, warns=True)
+
+
+def read_model(model: str) -> CheckedModel:
+    """Returns a hand's model as Drake's parser gets it.
+
+    It is a checked copy, or a directive that names an SDF or a URDF of this package.
+
+    Args:
+        model: Name of the model, as in `HandDescription.model`.
+
+    Raises:
+        InvalidArgumentError: If a file is missing or too large, or cannot be read.
+    """
+    if needs_copy(path := model_path(model)):
+        return checked_copy(path)
+    directives = [{"add_model": {"name": HAND, "file": path.as_uri()}}]
+    return CheckedModel(dump_yaml({"directives": directives}), DIRECTIVES_KIND, (path,), ())
+
+
+def add_read_model(
+    plant: MultibodyPlant,
+    model: CheckedModel,
+    description: HandDescription,
+    yaw_range: tuple[float, float] = FREE_TURN,
+    X_WB: RigidTransform = FROM_ABOVE,
+    *,
+    warns: bool = False,
+) -> list[ModelInstanceIndex]:
+    """Adds a hand whose model has been read to a plant; see `add_hand_model`.
+
+    Args:
+        plant: As for `add_hand_model`.
+        model: Model of the description, from `read_model`.
+        description: As for `add_hand_model`.
+        yaw_range: As for `add_hand_model`.
+        X_WB: As for `add_hand_model`.
+        warns: Whether warnings about the model are logged.
+    """
+    instances = _parse(plant, model, warns=warns)
     complete_hand_model(plant, description, instances, yaw_range, X_WB)
     return instances
 
@@ -122,26 +170,24 @@ def complete_hand_model(
         joint.set_position_limits([yaw_range[0]], [yaw_range[1]])
 
 
-def _parse(plant: MultibodyPlant, path: Path) -> list[ModelInstanceIndex]:
-    """Adds the models of a file to a plant."""
-    parser, copy = Parser(plant), None
+def _parse(plant: MultibodyPlant, model: CheckedModel, *, warns: bool) -> list[ModelInstanceIndex]:
+    """Adds the models of a copy to a plant."""
+    parser, path = Parser(plant), model.files[0]
     parser.SetAutoRenaming(True)
-    if not is_own(path) or path.suffix not in (".sdf", ".urdf"):
-        copy = checked_copy(path)
     try:
         with held_messages() as messages, failures_as_errors():  # An error says them in one line.
-            if copy is None:
-                models = parser.AddModels(str(path))
-            else:
-                models = parser.AddModelsFromString(copy.text, copy.kind)
+            instances = parser.AddModelsFromString(model.text, model.kind)
     except (RuntimeError, ValueError) as error:
         problem = first_line(error)
         raise InvalidArgumentError(f"model: {path} is no model of a hand: {problem}") from error
-    for message in [] if is_own(path) else messages:
-        logging.getLogger("drake").handle(message)
-    if len(models) == 1:
-        plant.RenameModelInstance(models[0], HAND)
-    return list(models)
+    if warns and not is_own(path):
+        for line in model.left_out:
+            logging.getLogger(__name__).warning(line)
+        for message in messages:
+            logging.getLogger("drake").handle(message)
+    if len(instances) == 1:
+        plant.RenameModelInstance(instances[0], HAND)
+    return list(instances)
 
 
 def model_path(model: str) -> Path:

@@ -23,7 +23,8 @@ from drake_pregrasp.config.hand_description import (
 from drake_pregrasp.config.limits_config import SectorReach
 from drake_pregrasp.diagrams.hand_instances import HandInstances
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.diagrams.hand_parsing import add_hand_model
+from drake_pregrasp.diagrams.hand_parsing import add_read_model, read_model
+from drake_pregrasp.diagrams.model_files import CheckedModel
 from drake_pregrasp.diagrams.palm_base import JOINT_KINDS, PalmArm
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.finger_homes import Finger, Grip, find_grip
@@ -68,7 +69,8 @@ def propose_hand(model: str) -> HandDescription:
     Raises:
         InvalidArgumentError: If the model cannot be loaded, or has fewer than two fingers.
     """
-    diagram, hand = _parse(model)
+    source = read_model(model)
+    diagram, hand = _parse(model, source)
     joints = hand.moving_joints()
     chains, shared = _chains(model, diagram, hand, joints)
     base, carrying = _base(hand, shared, chains)
@@ -76,12 +78,12 @@ def propose_hand(model: str) -> HandDescription:
     locked = [LockedJoint(j.name(), _zero(j)) for j in joints if id(j) not in used]
     drives = _drives(hand, [j for j in joints if id(j) in used], carrying, bool(_mount(base)))
     first = HandDescription(model, base, [chain.tip for chain in chains], drives, locked)
-    return _with_homes(first, [[j.name() for j in chain.joints] for chain in chains])
+    return _with_homes(first, source, [[j.name() for j in chain.joints] for chain in chains])
 
 
-def _parse(model: str) -> tuple[RobotDiagram, HandInstances]:
-    builder = RobotDiagramBuilder(time_step=0.0)
-    models = add_hand_model(builder.plant(), HandDescription(model))
+def _parse(model: str, source: CheckedModel) -> tuple[RobotDiagram, HandInstances]:
+    builder, bare = RobotDiagramBuilder(time_step=0.0), HandDescription(model)
+    models = add_read_model(builder.plant(), source, bare, warns=True)
     builder.plant().Finalize()
     diagram = builder.Build()
     return diagram, HandInstances(diagram.plant(), models)
@@ -232,14 +234,17 @@ def _drive(actuator: JointActuator | None, *, is_arm: bool) -> tuple[float, floa
     return usual.stiffness, usual.damping, usual.rotor_inertia, effort
 
 
-def _with_homes(first: HandDescription, names: Sequence[Sequence[str]]) -> HandDescription:
+def _with_homes(
+    first: HandDescription, source: CheckedModel, names: Sequence[Sequence[str]]
+) -> HandDescription:
     """Returns a description with the palm over an object, and fingers at home around it.
 
     Args:
         first: Description with the palm's frame in the object's centre.
+        source: Its model.
         names: Names of the joints of each finger.
     """
-    model = HandModel(first)
+    model = HandModel(first, model=source)
     q = model.base.placed(model.fingers_home)
     plant = model.kinematics.plant
     context = plant.CreateDefaultContext()
@@ -265,14 +270,14 @@ def _with_homes(first: HandDescription, names: Sequence[Sequence[str]]) -> HandD
         for tip, home, p in zip(first.fingertips, grip.homes, p_HT, strict=True)
     ]
     base = _placed(first.base, R_HP, -(R_HP @ grip.center))
-    return _with_arm_home(replace(first, base=base, fingertips=tips))
+    return _with_arm_home(replace(first, base=base, fingertips=tips), source)
 
 
-def _with_arm_home(description: HandDescription) -> HandDescription:
+def _with_arm_home(description: HandDescription, source: CheckedModel) -> HandDescription:
     """Returns a description whose arm holds the palm over an object at home, if it can."""
     if not isinstance(description.base, Arm):
         return description
-    model = HandModel(description)
+    model = HandModel(description, model=source)
     base, plant = model.base, model.kinematics.plant
     assert isinstance(base, PalmArm)
     arm, context = base.kinematics, plant.CreateDefaultContext()

@@ -4,22 +4,19 @@ from collections.abc import Sequence
 
 import numpy as np
 from pydrake.geometry import GeometryId, SceneGraph
-from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant, MultibodyPlantConfig
 from pydrake.multibody.tree import Joint, ModelInstanceIndex
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
-from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.config.object_config import MotionConfig, ObjectConfig
-from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams.hand_instances import (
     HandInstances,
     hand_ports,
     set_default_positions,
 )
-from drake_pregrasp.diagrams.hand_parsing import add_hand_model
+from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.object_plant import DRAKE, add_moving_object
 from drake_pregrasp.diagrams.wiring import connect, export_inputs
 from drake_pregrasp.geometry.shapes import Shape
@@ -28,7 +25,6 @@ from drake_pregrasp.systems.hand_kinematics import HandLink, hand_links
 from drake_pregrasp.systems.hand_scene import separate_fingers
 from drake_pregrasp.systems.link_contacts import LinkContacts
 from drake_pregrasp.systems.mujoco_plant import MujocoPlant
-from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 from drake_pregrasp.systems.sources import BodyPose, MovingSolid
 
 
@@ -79,14 +75,12 @@ class HandStation(Diagram):
         object_config: The object.
         motion_config: Motion of the object, which a plant simulates.
         plant_config: Time step and contact model.
-        hand: Description of the hand.
+        hand: Model of the hand.
         friction: Coulomb's coefficient of friction of the object.
         initial: Initial positions of the hand, shape (nq,).
-        yaw_range: Range of the wrist, as for `add_hand_model`.
         period: Seconds between ticks of the controller, for `link_forces`.
         shape: Shape of the object, if it has been made.
         obstacles: Obstacles that are bodies.
-        X_WB: Pose of the base, as for `add_hand_model`.
         engine: What simulates the plant, one of `ENGINES`.
 
     Raises:
@@ -103,15 +97,13 @@ class HandStation(Diagram):
         object_config: ObjectConfig,
         motion_config: MotionConfig,
         plant_config: MultibodyPlantConfig,
-        hand: HandDescription,
+        hand: HandModel,
         *,
         friction: float,
         initial: FloatArray,
-        yaw_range: tuple[float, float] = FREE_TURN,
         period: float = GraspConfig.period,
         shape: Shape | None = None,
         obstacles: Sequence[MovingSolid] = (),
-        X_WB: RigidTransform = FROM_ABOVE,
         engine: str = DRAKE,
     ) -> None:
         super().__init__()
@@ -122,9 +114,8 @@ class HandStation(Diagram):
             instances = HandInstances(plant, models)
             joints.extend(instances.moving_joints())
             set_default_positions(joints, initial)
-            tips = [instances.frame(tip.frame, "fingertips") for tip in hand.fingertips]
-            radii = [tip.radius for tip in hand.fingertips]
-            links.update(hand_links(plant, tips, radii, scene_graph.model_inspector()))
+            tips = [instances.frame(tip.frame, "fingertips") for tip in hand.description.fingertips]
+            links.update(hand_links(plant, tips, hand.tip_radii, scene_graph.model_inspector()))
             separate_fingers(scene_graph.collision_filter_manager(), links)
 
         self.plant, self.scene_graph, X_WO, self.dynamics = add_moving_object(
@@ -135,7 +126,7 @@ class HandStation(Diagram):
             plant_config,
             friction=friction,
             obstacles=obstacles,
-            add_more=lambda plant: models.extend(add_hand_model(plant, hand, yaw_range, X_WB)),
+            add_more=lambda plant: models.extend(hand.add_to(plant)),
             separate_more=separate,
             holds_pose=True,
             shakes=True,

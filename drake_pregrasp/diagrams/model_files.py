@@ -5,7 +5,6 @@ a copy only: an XML tree of elements and attributes on a list, and meshes that a
 """
 
 import hashlib
-import logging
 import math
 import tempfile
 from collections import Counter
@@ -87,11 +86,13 @@ class CheckedModel:
         text: The copy, in XML. The only files that it names are meshes that this process wrote.
         kind: Its format, as Drake's parser calls it: `sdf`, `urdf` or `xml`.
         files: Files that the copy was made from, the model first.
+        left_out: Lines that say what was left out of which file.
     """
 
     text: str
     kind: str
     files: tuple[Path, ...]
+    left_out: tuple[str, ...]
 
 
 @dataclass
@@ -104,6 +105,7 @@ class Totals:
         cells: Number of cells; see `MAX_CELLS`.
         meshes: Copies of mesh files, by their paths and whether they are visual.
         faces: Number of triangles of each copy, by its URI.
+        left_out: Lines that say what was left out of which file.
     """
 
     files: list[Path] = field(default_factory=list)
@@ -111,6 +113,7 @@ class Totals:
     cells: float = 0.0
     meshes: dict[tuple[Path, bool], Path] = field(default_factory=dict)
     faces: dict[str, int] = field(default_factory=dict)
+    left_out: list[str] = field(default_factory=list)
 
     def add(self, what: str, most: int, number: int = 1) -> None:
         """Counts things of a kind.
@@ -196,13 +199,13 @@ class _Copier:
         copied = Element(root.tag, {"xmlns:drake": DRAKE})
         self._fill(copied, root, depth)
         if self._left_out and not self._model.is_relative_to(resource_folder("models")):
-            logging.getLogger(__name__).warning(
-                "%s: this is left out, because a hand does not need it: %s",
-                self._model,
-                printable(", ".join(sorted(self._left_out)), MAX_VALUE),
+            names = printable(", ".join(sorted(self._left_out)), MAX_VALUE)
+            self._totals.left_out.append(
+                f"{self._model}: this is left out, because a hand does not need it: {names}"
             )
         text = ElementTree.tostring(copied, encoding="unicode")
-        return CheckedModel(text, self._kind, tuple(self._totals.files))
+        totals = self._totals
+        return CheckedModel(text, self._kind, tuple(totals.files), tuple(totals.left_out))
 
     def _include(self, element: Element, depth: int) -> None:
         """Replaces each `<include>` of an MJCF by what the root of its file contains."""

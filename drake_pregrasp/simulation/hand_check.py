@@ -16,7 +16,6 @@ from drake_pregrasp.config.hand_description import Drive, HandDescription
 from drake_pregrasp.config.yaml_text import TAG_KEY, dump_yaml
 from drake_pregrasp.diagrams.directive_files import DIRECTIVES, YAML
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.diagrams.hand_parsing import add_hand_model
 from drake_pregrasp.diagrams.hand_proposal import propose_hand
 from drake_pregrasp.errors import InvalidArgumentError, PregraspError, problems_of
 from drake_pregrasp.grasping.finger_homes import OBJECT_RADIUS
@@ -133,7 +132,7 @@ def hand_page(model: HandModel) -> str:
         OutputError: If Drake may not open a port.
     """
     meshcat, builder = start_meshcat(), RobotDiagramBuilder(time_step=0.0)
-    add_hand_model(builder.plant(), model.description)
+    model.add_to(builder.plant())
     builder.plant().Finalize()
     MeshcatVisualizer.AddToBuilder(builder.builder(), builder.scene_graph(), meshcat)
     diagram = builder.Build()

@@ -15,6 +15,7 @@ from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams.directive_files import checked_copy
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_parsing import failures_as_errors, model_path
+from drake_pregrasp.diagrams.model_files import CheckedModel
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError, first_line
 from drake_pregrasp.resources import MODELS_URL, make_paths_absolute, resolve_path
 from drake_pregrasp.robots.robot_models import ROBOTS_URL
@@ -114,6 +115,7 @@ def made_hand(
     description: HandDescription,
     yaw_range: tuple[float, float] = FREE_TURN,
     X_LA: RigidTransform = FROM_ABOVE,
+    model: CheckedModel | None = None,
 ) -> HandModel:
     """Returns the model of a hand; the arguments are those of `HandModel`.
 
@@ -122,7 +124,7 @@ def made_hand(
     """
     try:
         with failures_as_errors():
-            return HandModel(description, yaw_range, X_LA)
+            return HandModel(description, yaw_range, X_LA, model=model)
     except RuntimeError as error:
         problem = f"model: {description.model} cannot be used: {first_line(error)}"
         raise InvalidArgumentError(problem) from error

@@ -16,7 +16,6 @@ from pydrake.planning import RobotDiagramBuilder
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.diagrams.hand_instances import HandInstances
-from drake_pregrasp.diagrams.hand_parsing import add_hand_model
 from drake_pregrasp.diagrams.object_body import add_object
 from drake_pregrasp.diagrams.object_contact import separate_contacts
 from drake_pregrasp.errors import InvalidArgumentError
@@ -98,7 +97,7 @@ def _model(resolved: ResolvedScenario, X_WO: RigidTransform) -> tuple[MujocoMode
     plant, scene_graph = builder.plant(), builder.scene_graph()
     plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
     body = add_object(plant, resolved.shape, MASS)
-    models = add_hand_model(plant, hand.description, resolved.scenario.grasp.yaw_range, hand.X_WB)
+    models = hand.add_to(plant)
     plant.Finalize()
     instances, inspector = HandInstances(plant, models), scene_graph.model_inspector()
     tips = [instances.frame(tip.frame, "fingertips") for tip in hand.description.fingertips]

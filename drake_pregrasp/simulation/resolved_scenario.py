@@ -260,13 +260,14 @@ def _hand_and_start(
     grasp, file = scenario.grasp, scenario.hand_file
     R_WO, p_OCoM = X_WO.rotation().matrix(), shape.p_OCoM
 
+    with errors_at("hand.file", f"{file}: "):
+        upright = made_hand(description)
+
     def model(X_LA: RigidTransform) -> HandModel:
         up = X_LA.rotation().matrix()[:, 2] @ R_WO
         top = float(np.max((shape.mesh.vertices - p_OCoM) @ up))
-        return made_hand(description.over_object(top), grasp.yaw_range, X_LA)
+        return made_hand(description.over_object(top), grasp.yaw_range, X_LA, upright.model)
 
-    with errors_at("hand.file", f"{file}: "):
-        upright = made_hand(description)
     raise_first(_model_problems(grasp, upright))
     with errors_at("hand.file", f"{file}: "):
         approaches = [FROM_ABOVE]

@@ -21,9 +21,7 @@ HOME = HAND.home(P_WO, 0.0)
 
 
 def make_station(initial, size=0.1):
-    return HandStation(
-        Box(size=[size] * 3), Conveyor(), PLANT, HAND.description, friction=0.7, initial=initial
-    )
+    return HandStation(Box(size=[size] * 3), Conveyor(), PLANT, HAND, friction=0.7, initial=initial)
 
 
 def test_links_collide_with_all_but_their_own_finger_and_the_base():

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 import yaml
 from hand_files import MODEL, SHIPPED, SHIPPED_TEXT, write_hand
+from pydrake.multibody.plant import MultibodyPlant
 
 from drake_pregrasp import (
     HandModel,
     PregraspError,
     ScenarioError,
+    add_hand_model,
     load_hand,
     load_scenario,
     make_diagram,
@@ -20,6 +22,7 @@ from drake_pregrasp.config.hand_description import Arm, Carrier
 from drake_pregrasp.config.limits_config import BallReach, BoxReach, SectorReach
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams import hand_parsing
+from drake_pregrasp.diagrams.hand_parsing import read_model
 from drake_pregrasp.quality.force_closure import min_weight_margin
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_resolved, resolve
@@ -62,6 +65,21 @@ def test_a_description_may_list_model_directives_as_its_model(tmp_path):
     (path := tmp_path / "hand.yaml").write_text(text)
     listed = HandModel(load_hand(path, folders=[]))
     np.testing.assert_array_equal(listed.p_HT, HandModel(load_hand(SHIPPED)).p_HT)
+
+
+@pytest.mark.slow
+def test_warnings_about_a_model_are_shown_once(tmp_path, caplog):
+    text = re.sub("<ixx>.*?</ixx>", "<ixx>1.0</ixx>", MODEL, count=1)  # Of no rigid body.
+    path = write_hand(tmp_path, model=text.replace("</model>", "<note/></model>"))
+    make_diagram(scenario_with(path, "simulation_duration: 0.1"))
+    shown = caplog.messages.copy()
+    assert ["left out" in line for line in shown] == [True, False, False]
+    assert len(set(shown)) == 3
+    caplog.clear()
+    add_hand_model(MultibodyPlant(0.01), hand := load_hand(path))
+    assert caplog.messages == shown
+    HandModel(hand, model=read_model(hand.model))
+    assert caplog.messages == shown
 
 
 @pytest.mark.parametrize(
@@ -209,7 +227,7 @@ def test_an_error_without_text_is_a_line_all_the_same(monkeypatch):
     def fail(*arguments):
         raise RuntimeError
 
-    monkeypatch.setattr(hand_parsing.Parser, "AddModels", fail)
+    monkeypatch.setattr(hand_parsing.Parser, "AddModelsFromString", fail)
     with pytest.raises(PregraspError, match=r"five_finger_hand.sdf is no model .*: RuntimeError$"):
         HandModel(load_hand(SHIPPED))
 

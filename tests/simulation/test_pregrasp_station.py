@@ -119,16 +119,14 @@ class Robot:
         for name, driver in drivers.items():
             self.places[driver] = slice(ends, ends := ends + len(initial[name]))
             lcm.Subscribe(f"{driver}_COMMAND", lambda data, d=driver: self.receive(d, data))
-        grasp, scenario = resolved.scenario.grasp, resolved.scenario
+        scenario = resolved.scenario
         self.plant = dp.HandStation(
             scenario.object,
             scenario.motion,
             resolved.plant_config,
-            resolved.hand.description,
-            friction=grasp.friction,
+            resolved.hand,
+            friction=resolved.scenario.grasp.friction,
             initial=self.commanded,
-            yaw_range=grasp.yaw_range,
-            X_WB=resolved.hand.X_WB,
         )
         self.simulator = Simulator(self.plant)
         self.context = self.simulator.get_mutable_context()

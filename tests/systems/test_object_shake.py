@@ -21,7 +21,7 @@ def station(motion):
     plant = Scenario().plant_config
     plant.time_step = 0.005
     cube = Box(size=[0.1] * 3, mass=MASS)
-    return HandStation(cube, motion, plant, HAND.description, friction=0.7, initial=HOME)
+    return HandStation(cube, motion, plant, HAND, friction=0.7, initial=HOME)
 
 
 @pytest.fixture(scope="module")
