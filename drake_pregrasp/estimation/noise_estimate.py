@@ -83,13 +83,16 @@ class NoiseEstimate:
     ) -> "NoiseEstimate":
         """Returns the estimate after a measurement.
 
-        The differences are divided ones, so that the measurements need not be equally spaced.
+        The differences are divided ones, so that the measurements need not be equally spaced. They
+        start anew after a measurement of a part of the pose.
 
         Args:
             before: The measurement before.
             measurement: The new measurement.
             variances: Assumed variances of a measured orientation and position.
         """
+        if not measurement.is_whole:
+            return replace(self, poses=_NO_POSES)
         poses = np.empty_like(self.poses)
         poses[:-1], poses[-1, 0], poses[-1, 4:] = self.poses[1:], measurement.time, measurement.p_WO
         poses[:-1, 1:4] -= rotation_vector(measurement.R_WO @ before.R_WO.T)

@@ -6,7 +6,7 @@ rotations come first, as in Drake's spatial vectors.
 
 import math
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -106,19 +106,32 @@ of both parts together does not look like a manoeuvre.
 """
 
 
+_WHOLE = np.eye(6)
+
+
 @dataclass(frozen=True, eq=False)
 class PoseMeasurement:
-    """A measured pose.
+    """A measured pose, or the part of it that was measured.
 
     Attributes:
         time: Time of the measurement, in seconds; -inf if there is none.
         p_WO: Measured position, shape (3,), in metres.
         R_WO: Measured orientation, shape (3, 3).
+        directions: Combinations of the errors (theta, p) of this pose in W that were measured, one
+            each row, shape (6, 6). The errors of the first three have the assumed variance of an
+            orientation, those of the others that of a position, and they are independent. The
+            identity is a measured pose; a row of zeros measures nothing.
     """
 
     time: float
     p_WO: FloatArray
     R_WO: FloatArray
+    directions: FloatArray = field(default_factory=lambda: _WHOLE)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether all directions were measured."""
+        return bool((np.abs(self.directions.diagonal()) > _LEAST_MEASURED).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +158,8 @@ class PoseBelief:
 
 
 _I = np.eye(3)
+_LEAST_MEASURED = 1e-3  # Share of a direction that counts as measured.
+_UNKNOWN = 1000.0  # Standard deviation of a direction that was not measured, over the assumed one.
 _BOOST_VARIANCE = 0.3**2  # Variance of a known change of twist, relative to its square.
 _PARTS = np.kron(np.ones((2, 2)), np.kron(np.eye(2), np.ones((3, 3))))  # 1 within each part.
 
@@ -169,13 +184,19 @@ def first_belief(
 ) -> PoseBelief:
     """Returns the belief after the first measurement: at rest, with the initial uncertainty.
 
+    A direction that was not measured is a thousand times as uncertain as a measured one.
+
     Args:
         measurement: The first measured pose.
         noise: Noise and motion that the filter assumes.
         p_OCoM: Centre of mass in O, shape (3,), in metres; the origin of O by default.
     """
     initial = np.square([noise.initial_angular_velocity, noise.initial_velocity])
-    P = np.diag(np.repeat(np.append(noise.variances, initial), 3))
+    P = np.diag(np.repeat(np.append([0.0, 0.0], initial), 3))
+    std = np.sqrt(np.repeat(noise.variances, 3))
+    W = measurement.directions * std / std[:, None]
+    squares, axes = np.linalg.eigh(W.T @ W)
+    P[:6, :6] = (axes / np.maximum(squares, _UNKNOWN**-2)) @ axes.T * std * std[:, None]
     p_WCoM = measurement.p_WO
     if p_OCoM is not None:
         a = measurement.R_WO @ p_OCoM

@@ -169,14 +169,12 @@ class Correction:
 
     Attributes:
         belief: Belief after the measurement.
-        residual: Difference of the measurement from each model's prediction, shape (K, m).
         squares: Squares of the residual in units of its standard deviation, shape (K, m), each
             given those before it. Their sum over any leading block is νᵀ S⁻¹ ν of that block, which
             is chi-square distributed.
     """
 
     belief: PoseBelief
-    residual: FloatArray
     squares: FloatArray
 
 
@@ -202,7 +200,7 @@ def correct(prior: PoseBelief, residual: FloatArray, H: FloatArray, R: FloatArra
     scores -= np.log(np.diagonal(L, axis1=1, axis2=2)).sum(axis=1)
     weights = np.exp(scores - scores.max())
     moved = shifted(prior, (A_T @ y[:, :, None])[:, :, 0], prior.P - A_T @ A)
-    return Correction(replace(moved, weights=weights / weights.sum()), residual, squares)
+    return Correction(replace(moved, weights=weights / weights.sum()), squares)
 
 
 def pose_residual(
@@ -215,7 +213,7 @@ def pose_residual(
     """Returns residual, Jacobian and noise of a measured pose, for `correct`.
 
     The residual is the rotation vector from the predicted to the measured orientation, and the
-    difference of the origins of O, shape (K, 6).
+    difference of the origins of O, shape (K, 6), or their combinations that were measured.
 
     Args:
         prior: Belief before the measurement, at its time.
@@ -232,7 +230,8 @@ def pose_residual(
         offset = offset + prior.R_WO @ p_OCoM
         H[:, 3:6] = origin_jacobian(prior, p_OCoM)
     variances = noise.variances if noise_factors is None else noise_factors * noise.variances
-    return np.hstack([thetas, offset]), H, np.diag(np.repeat(variances, 3))
+    Z = measurement.directions
+    return np.hstack([thetas, offset]) @ Z.T, Z @ H, np.diag(np.repeat(variances, 3))
 
 
 def origin_jacobian(belief: PoseBelief, p_OCoM: FloatArray) -> FloatArray:

@@ -97,8 +97,8 @@ class PoseTrack:
 
     Attributes:
         steps: Newest measurements that were used, each with the belief after it, oldest first,
-            shape (memory, 13 + b); empty rows come first and have the time -inf.
-        last_seen: Last valid measurement, whether used or not, shape (13,).
+            shape (memory, 49 + b); empty rows come first and have the time -inf.
+        last_seen: Last valid measurement, whether used or not, shape (49,).
         alternative: Alternative hypothesis, shape (b,): the belief that follows from refused
             measurements that agree with each other, or from one that is held back; its time is -inf
             if there are none.

@@ -31,7 +31,7 @@ OLDEST = 1e6
 
 _SLACK = 1e-6  # Seconds by which rounding may put a time ahead of the clock.
 _SILENCE = 100.0  # Seconds without a measurement after which rounding would spoil a correction.
-_VAGUE = np.repeat(np.square([0.1, 0.03]), 3)  # Variances of a pose that an outlier may confirm.
+_VAGUE = np.diag(np.repeat(np.square([0.1, 0.03]), 3))  # Of a pose that an outlier may confirm.
 _NOISY = 0.25  # Variance over the assumed one; that of a sensor without noise is below this.
 _UNLIKELY = 0.1  # Weight of the models that explain a measurement below which it may be an outlier.
 _AT_REST = 3.0  # Standard deviations up to which a velocity may be zero.
@@ -81,21 +81,21 @@ def update_track(
         earlier = unpack_belief(before[-1, MEASUREMENT_SIZE:])
     measurement = _equivalent(earlier, measurement, settings)
     prior, new = _step(earlier, measurement, settings, track)
-    variances = _variances(prior, new)
+    is_vague = _is_vague(prior, new, measurement)
     explains = _explains(new, settings)
     is_used = bool(explains.any())
     is_doubted = is_used and track.confirmations == CONFIRMATIONS
     is_doubted = is_doubted and not is_late and prior.weights[explains].sum() < _UNLIKELY
     changes: dict[str, Any] = {"last_seen": seen, "innovation_squared": _innovation_squared(new)}
     if is_late and is_used:
-        confirmations = _confirmed(0, variances)
+        confirmations = _confirmed(0, is_vague)
         changes |= _inserted(track, seen, new.belief, confirmations, settings)
     elif is_late:
         changes["verdict"] = MeasurementVerdict.OUTLIER
     elif is_doubted:
         changes |= _doubted(track, measurement, new.belief, settings)
     elif is_used:
-        confirmations = _confirmed(track.confirmations, variances)
+        confirmations = _confirmed(track.confirmations, is_vague)
         changes |= _used(track, measurement, new.belief, confirmations, settings)
     else:
         changes |= _refused(track, seen, measurement, settings)
@@ -173,7 +173,8 @@ def _doubted(
         return _waiting(track, belief, SUPPORT - 1)
     first = _equivalent(track.newest, unpack_measurement(track.last_seen), settings)
     between = replace(track, **_used(track, first, earlier, 1, settings))
-    return _used(between, second, new.belief, _confirmed(1, _variances(prior, new)), settings)
+    confirmations = _confirmed(1, _is_vague(prior, new, second))
+    return _used(between, second, new.belief, confirmations, settings)
 
 
 def _waiting(track: PoseTrack, belief: PoseBelief, support: int) -> dict[str, Any]:
@@ -211,27 +212,27 @@ def _step(
     return settings.step(earlier, measurement, settings.noise, settings.p_OCoM, track.noise.factors)
 
 
-def _variances(prior: PoseBelief, new: Correction) -> FloatArray:
-    """Returns the variances of a predicted pose, shape (6,).
+def _is_vague(prior: PoseBelief, new: Correction, measurement: PoseMeasurement) -> bool:
+    """Returns whether a prediction is so uncertain that an outlier agrees with it by chance.
 
-    It is the mean of those of the models, weighed by how well they explain the measurement: if only
-    a lively model does, the prediction was as uncertain as that one says.
+    Its covariance is the mean of those of the models, weighed by how well they explain the
+    measurement: if only a lively model does, the prediction was as uncertain as that one says. Only
+    directions that were measured count.
     """
-    diagonals = prior.P.reshape(-1, 144)[:, ::13]
-    variances: FloatArray = new.belief.weights @ diagonals[:, :6]
-    return variances
+    P = np.add.reduce(new.belief.weights[:, None, None] * prior.P[:, :6, :6], axis=0)
+    Z = measurement.directions
+    excess: FloatArray = np.add.reduce(Z @ (P - _VAGUE) * Z, axis=1)
+    return not (excess <= 0).all()
 
 
-def _confirmed(confirmations: int, variances: FloatArray) -> int:
+def _confirmed(confirmations: int, is_vague: bool) -> int:
     """Returns the number of confirmations after a prediction that agrees with a measurement.
-
-    If the prediction is too uncertain, an outlier agrees with it by chance.
 
     Args:
         confirmations: Number before.
-        variances: Variances of the predicted pose.
+        is_vague: Whether it may agree by chance.
     """
-    return min(confirmations + 1, CONFIRMATIONS) if (variances <= _VAGUE).all() else 0
+    return 0 if is_vague else min(confirmations + 1, CONFIRMATIONS)
 
 
 def _innovation_squared(new: Correction) -> FloatArray:
@@ -267,7 +268,8 @@ def _inserted(
     for later in track.steps[is_later, :MEASUREMENT_SIZE]:
         measurement = _equivalent(belief, unpack_measurement(later), settings)
         prior, new = _step(belief, measurement, settings, track)
-        confirmations, belief = _confirmed(confirmations, _variances(prior, new)), new.belief
+        confirmations = _confirmed(confirmations, _is_vague(prior, new, measurement))
+        belief = new.belief
         rows.append(np.concatenate([later, pack(belief)]))
     confirmations = max(confirmations, track.confirmations)
     steps = np.vstack([track.steps[~is_later], *rows])[1:]

@@ -13,6 +13,7 @@ passes it to its systems.
 | `margins` | `regions.independent_regions.slip_radii_within` |
 | `cones` | `quality.force_closure.largest_minimum` |
 | `pose_steps` | `estimation.pose_filter.filter_step` and `merged` |
+| `alignment` | `estimation.surface_alignment.align_pose` |
 | `hand` | `forward_kinematics`, `clearances` and `next_velocities` of `grasping` |
 | `tip_steps` | `straight_step`, `hand_goals` and `goal_velocities` of `grasping` |
 

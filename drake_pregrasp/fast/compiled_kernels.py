@@ -1,8 +1,10 @@
 """The compiled implementation, as one object, which is compiled or loaded when it is imported."""
 
+from collections.abc import Callable
 from typing import cast
 
 from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.estimation.surface_alignment import Alignment
 from drake_pregrasp.fast.goals import CompiledGoals
 from drake_pregrasp.fast.kernels import HandKernels, Kernels
 from drake_pregrasp.fast.labels import CompactCandidates
@@ -29,6 +31,13 @@ def _largest_minimum() -> LargestMinimum:
     from drake_pregrasp.fast.cones import compiled_largest_minimum
 
     return cast(LargestMinimum, compiled_largest_minimum)
+
+
+def _align_pose() -> Callable[..., Alignment]:
+    # Imported only here, because only estimates from surface points need what it compiles.
+    from drake_pregrasp.fast.alignment import compiled_align_pose
+
+    return compiled_align_pose
 
 
 def _hand() -> HandKernels:
@@ -64,6 +73,7 @@ COMPILED = Kernels(
     largest_minimum=_largest_minimum,
     filter_step=compiled_filter_step,
     merged=compiled_merged,
+    align_pose=_align_pose,
     hand=_hand,
 )
 """The implementation in numba."""

@@ -9,6 +9,7 @@ from drake_pregrasp.contacts.selection_input import GoalFunction
 from drake_pregrasp.estimation.pose_belief import PoseBelief
 from drake_pregrasp.estimation.pose_filter import filter_step, merged
 from drake_pregrasp.estimation.pose_track import FilterStep
+from drake_pregrasp.estimation.surface_alignment import Alignment, align_pose
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.clearances import Clearances, clearances
 from drake_pregrasp.grasping.fingertip_paths import straight_step
@@ -59,6 +60,7 @@ class Kernels:
         largest_minimum: Function that returns `largest_minimum`.
         filter_step: `filter_step` of the pose filter.
         merged: `merged` of the pose filter.
+        align_pose: Function that returns `align_pose`.
         hand: Function that returns those of a hand.
     """
 
@@ -71,6 +73,7 @@ class Kernels:
     largest_minimum: Callable[[], LargestMinimum]
     filter_step: FilterStep
     merged: Callable[[PoseBelief], PoseBelief]
+    align_pose: Callable[[], Callable[..., Alignment]]
     hand: Callable[[], HandKernels]
 
 
@@ -84,6 +87,7 @@ REFERENCE = Kernels(
     largest_minimum=lambda: largest_minimum,
     filter_step=filter_step,
     merged=merged,
+    align_pose=lambda: align_pose,
     hand=lambda: HandKernels(
         forward_kinematics, hand_goals, goal_velocities, clearances, next_velocities, straight_step
     ),

@@ -144,7 +144,7 @@ def write_prior(R, x, P, dt, gravity, densities, work, rows):  # type: ignore[no
 
 
 @compiled()
-def write_correction(R, x, P, residual, squares, com, measured, variances, work, rows):  # type: ignore[no-untyped-def]
+def write_correction(R, x, P, squares, com, measured, directions, variances, work, rows):  # type: ignore[no-untyped-def]
     """Corrects the prior of one model in its place, and returns the logarithm of its likelihood.
 
     The six components of the residual are used one after another, which is the same as `correct`.
@@ -153,16 +153,16 @@ def write_correction(R, x, P, residual, squares, com, measured, variances, work,
         R: Orientation, shape (3, 3).
         x: Memory (3), and then p, w and v, shape (12,).
         P: Covariance, shape (12, 12).
-        residual: Result of `pose_residual`, shape (6,).
         squares: As in `Correction`, shape (6,).
         com: Centre of mass in O, shape (3,), in metres.
         measured: Measured orientation, and position, shape (12,).
+        directions: As in `PoseMeasurement`, shape (6, 6).
         variances: Variances of measured orientation and position.
         work: Memory, shape (4, 3, 3).
         rows: Memory, shape (3, 12).
     """
+    cross, shift, row, residual, h = work[3], rows[0], rows[1], rows[2, :6], rows[2, 6:]
     turn_between(measured[:9].reshape(3, 3), R, work[0], residual)
-    cross, shift, row = work[3], rows[0], rows[1]
     a = R[0, 0] * com[0] + R[0, 1] * com[1] + R[0, 2] * com[2]
     b = R[1, 0] * com[0] + R[1, 1] * com[1] + R[1, 2] * com[2]
     c = R[2, 0] * com[0] + R[2, 1] * com[1] + R[2, 2] * com[2]
@@ -175,18 +175,18 @@ def write_correction(R, x, P, residual, squares, com, measured, variances, work,
     shift[:] = 0.0
     score = 0.0
     for m in range(6):
-        error = residual[m] - shift[m]
-        for j in range(12):
-            row[j] = P[m, j]
-        if m >= 3:
-            for k in range(3):
-                error -= cross[m - 3, k] * shift[k]
-                for j in range(12):
-                    row[j] += cross[m - 3, k] * P[k, j]
-        variance = row[m] + variances[m // 3]
-        if m >= 3:
-            for k in range(3):
-                variance += cross[m - 3, k] * row[k]
+        error, variance = 0.0, variances[m // 3]
+        row[:] = 0.0
+        for k in range(6):
+            h[k] = directions[m, k]
+            if k < 3:
+                for i in range(3):
+                    h[k] += directions[m, 3 + i] * cross[i, k]
+            error += directions[m, k] * residual[k] - h[k] * shift[k]
+            for j in range(12):
+                row[j] += h[k] * P[k, j]
+        for k in range(6):
+            variance += h[k] * row[k]
         squares[m] = error * error / variance
         score -= (squares[m] + log(variance)) / 2
         for i in range(12):
@@ -212,10 +212,12 @@ def write_merged(weights, R, x, P, R_mean, mean, joint):  # type: ignore[no-unty
 
 
 @compiled(
-    "void(f8[:,::1], f8[:,:,:,::1], f8[:,:,::1], f8[:,:,:,::1], f8[:,:,::1], f8[::1], f8[::1],"
-    " f8, f8, f8, f8[:,::1], UniTuple(f8, 2))"
+    "void(f8[:,::1], f8[:,:,:,::1], f8[:,:,::1], f8[:,:,:,::1], f8[:,::1], f8[::1], f8[::1],"
+    " f8[:,::1], f8, f8, f8, f8[:,::1], UniTuple(f8, 2))"
 )
-def write_step(weights, R, x, P, y, com, measured, dt, rate, gravity, densities, variances):  # type: ignore[no-untyped-def]
+def write_step(  # type: ignore[no-untyped-def]
+    weights, R, x, P, squares, com, measured, directions, dt, rate, gravity, densities, variances
+):
     """Writes the prior and its correction, as `filter_step` does.
 
     Args:
@@ -224,9 +226,10 @@ def write_step(weights, R, x, P, y, com, measured, dt, rate, gravity, densities,
         R: Orientations, shape (2, K, 3, 3).
         x: Memory (3), and p, w and v, shape (2, K, 12).
         P: Covariances, shape (2, K, 12, 12).
-        y: Residual and squares, shape (2, K, 6).
+        squares: As in `Correction`, shape (K, 6).
         com: Centre of mass in O, shape (3,), in metres.
         measured: Measured orientation, and position, shape (12,).
+        directions: As in `PoseMeasurement`, shape (6, 6).
         dt: Seconds from the belief to the measurement.
         rate: Rate of manoeuvres, in 1/s.
         gravity: Mean acceleration along -z of W, in m/s².
@@ -246,8 +249,8 @@ def write_step(weights, R, x, P, y, com, measured, dt, rate, gravity, densities,
             for j in range(12):
                 P[1, k, i, j] = P[0, k, i, j]
         R[1, k] = R[0, k]
-        own = R[1, k], x[1, k], P[1, k], y[0, k], y[1, k]
-        score = write_correction(*own, com, measured, variances, work, rows)
+        own = R[1, k], x[1, k], P[1, k], squares[k]
+        score = write_correction(*own, com, measured, directions, variances, work, rows)
         weights[1, k] = log(weights[0, k]) + score
         largest = max(largest, weights[1, k])
     for k in range(models):
@@ -269,7 +272,7 @@ def compiled_filter_step(
     if dt < 0:
         raise InvalidArgumentError(f"a belief cannot be predicted {dt} s back in time")
     weights, R, x = np.empty((2, k)), np.empty((2, k, 3, 3)), np.empty((2, k, 12))
-    P, y = np.empty((2, k, 12, 12)), np.empty((2, k, 6))
+    P, squares = np.empty((2, k, 12, 12)), np.empty((k, 6))
     variances = noise.variances if noise_factors is None else noise_factors * noise.variances
     weights[0], R[0], P[0] = earlier.weights, earlier.R_WO, earlier.P
     x[0, :, 3:6], x[0, :, 6:] = earlier.p_WCoM, earlier.V_WCoM
@@ -278,9 +281,10 @@ def compiled_filter_step(
         R,
         x,
         P,
-        y,
+        squares,
         _ZERO if p_OCoM is None else p_OCoM,
         np.concatenate([measurement.R_WO.ravel(), measurement.p_WO]),
+        np.ascontiguousarray(measurement.directions),
         dt,
         noise.manoeuvre_rate,
         noise.gravity,
@@ -291,7 +295,7 @@ def compiled_filter_step(
         PoseBelief(measurement.time, weights[i], R[i], x[i, :, 3:6], x[i, :, 6:], P[i])
         for i in range(2)
     )
-    return prior, Correction(posterior, y[0], y[1])
+    return prior, Correction(posterior, squares)
 
 
 def compiled_merged(belief: PoseBelief) -> PoseBelief:

@@ -18,10 +18,12 @@ CELL = 0.002
 MARGIN = 0.01
 """Width of the grid around the bounding box of the mesh, in metres: about a fingertip's radius."""
 
+TIE = 1e-9
+"""Difference of distances that is rounding, in metres."""
+
 _MOST_NODES = 300_000  # Large objects have larger cells.
 _EDGE = 0.005  # Longest edge of the parts of triangles, in metres.
 _CHUNK = 20_000  # Nodes at a time.
-_TIE = 1e-9  # Difference of distances that is rounding, in metres.
 _CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
 
 
@@ -75,7 +77,7 @@ class DistanceGrid:
         # One row for each axis, whose passes over many points take least time.
         places = np.subtract(p_MP.T, self.low[:, None], order="C")
         places /= self.cell
-        last, tie = self.counts[:, None] - 1.0, _TIE / self.cell
+        last, tie = self.counts[:, None] - 1.0, TIE / self.cell
         is_within = np.logical_and.reduce((places >= -tie) & (places <= last + tie), axis=0)
         field = self.nodes[:, 0].reshape(self.counts)
         distances: FloatArray = map_coordinates(field, places, order=1, mode="nearest")
@@ -91,7 +93,7 @@ class DistanceGrid:
         """
         place = (p_MP - self.low) / self.cell
         within = np.minimum(np.maximum(place, 0.0), self.counts - 1.0)
-        is_beyond = ~(np.abs(within - place).max(axis=1, initial=0.0) <= _TIE / self.cell)
+        is_beyond = ~(np.abs(within - place).max(axis=1, initial=0.0) <= TIE / self.cell)
         np.nan_to_num(within, copy=False)
         first = np.minimum(within.astype(np.int64), self.counts - 2)
         return first, within - first, is_beyond
@@ -159,7 +161,7 @@ def distance_grid(mesh: trimesh.Trimesh, cell: float = CELL) -> DistanceGrid:
             break
     lengths = np.linalg.norm(away, axis=1)
     signs = np.where(np.einsum("ki,ki->k", away, normals[face]) < 0, -1.0, 1.0)
-    gradients = np.where(lengths[:, None] > _TIE, away * signs[:, None], normals[face])
+    gradients = np.where(lengths[:, None] > TIE, away * signs[:, None], normals[face])
     gradients /= np.linalg.norm(gradients, axis=1, keepdims=True)
     return DistanceGrid(low, cell, counts, np.column_stack([signs * lengths, gradients]))
 
@@ -174,5 +176,5 @@ def _is_nearer(
     gain = np.linalg.norm(than, axis=1) - np.linalg.norm(away, axis=1)
     height = np.abs(np.einsum("ki,ki->k", away, normals))
     other = np.abs(np.einsum("ki,ki->k", than, than_normals))
-    nearer: BoolArray = (gain > _TIE) | (gain >= -_TIE) & (height > other + _TIE)
+    nearer: BoolArray = (gain > TIE) | (gain >= -TIE) & (height > other + TIE)
     return nearer

@@ -1,0 +1,204 @@
+"""Compiled Gauss-Newton steps of a pose to points on the surface of an object."""
+
+import math
+
+import numpy as np
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.estimation.surface_alignment import (
+    DAMPING,
+    SCALES,
+    Alignment,
+    SurfacePoints,
+)
+from drake_pregrasp.fast.compiling import compiled
+from drake_pregrasp.fast.pose_steps import multiply, rotate
+from drake_pregrasp.geometry.distance_grid import TIE, DistanceGrid
+
+
+@compiled()
+def write_distance(nodes, counts, low, cell, q, first, share, found):  # type: ignore[no-untyped-def]
+    """Writes signed distance and unit gradient at a point, as `DistanceGrid.at`.
+
+    Args:
+        nodes: `DistanceGrid.nodes`, shape (N, 4).
+        counts: `DistanceGrid.counts`, shape (3,).
+        low: `DistanceGrid.low`, shape (3,), in metres.
+        cell: `DistanceGrid.cell`, in metres.
+        q: The point, shape (3,), in metres.
+        first: Memory, shape (3,).
+        share: Memory, shape (3,).
+        found: Result, shape (4,).
+    """
+    off = 0.0
+    for axis in range(3):
+        place = (q[axis] - low[axis]) / cell
+        within = min(max(place, 0.0), counts[axis] - 1.0)
+        off = max(off, abs(within - place))
+        first[axis] = min(int(within), counts[axis] - 2)
+        share[axis] = within - first[axis]
+    found[:] = 0.0
+    if off <= TIE / cell:
+        for i in range(2):
+            for j in range(2):
+                for k in range(2):
+                    x = share[0] if i else 1 - share[0]
+                    y = share[1] if j else 1 - share[1]
+                    z = share[2] if k else 1 - share[2]
+                    node = ((first[0] + i) * counts[1] + first[1] + j) * counts[2] + first[2] + k
+                    for part in range(4):
+                        found[part] += x * y * z * nodes[node, part]
+        length = max(math.sqrt(found[1] ** 2 + found[2] ** 2 + found[3] ** 2), 1e-9)
+        for part in range(1, 4):
+            found[part] /= length
+        return
+    nearest = np.inf
+    for i in range(2):
+        for j in range(2):
+            for k in range(2):
+                node = ((first[0] + i) * counts[1] + first[1] + j) * counts[2] + first[2] + k
+                d = nodes[node, 0]
+                x = q[0] - (low[0] + cell * (first[0] + i) - d * nodes[node, 1])
+                y = q[1] - (low[1] + cell * (first[1] + j) - d * nodes[node, 2])
+                z = q[2] - (low[2] + cell * (first[2] + k) - d * nodes[node, 3])
+                length = math.sqrt(x * x + y * y + z * z)
+                if length < nearest:
+                    nearest = length
+                    found[0], found[1], found[2], found[3] = length, x, y, z
+    for part in range(1, 4):
+        found[part] /= nearest
+
+
+@compiled()
+def write_information(  # type: ignore[no-untyped-def]
+    nodes, counts, low, cell, p_WQ, radius, std, is_bound, R, p, scale, information, slope
+):
+    """Writes the sums of Gauss-Newton's normal equations, and returns that of the weights.
+
+    Args:
+        nodes: As in `write_distance`, here and in the next three.
+        counts: Numbers of nodes.
+        low: First node.
+        cell: Edge length of a cell.
+        p_WQ: As in `SurfacePoints`, here and in the next three.
+        radius: Distances from the surface.
+        std: Standard deviations of these.
+        is_bound: Whether these are bounds.
+        R: Orientation, shape (3, 3).
+        p: Position, shape (3,), in metres.
+        scale: Scale of the weights, in metres.
+        information: Result: Hᵀ w H, shape (6, 6).
+        slope: Result: Hᵀ w e, shape (6,).
+    """
+    a, q, h, share = np.empty(3), np.empty(3), np.empty(6), np.empty(3)
+    first, found, fits = np.empty(3, dtype=np.int64), np.empty(4), 0.0
+    information[:, :] = 0.0
+    slope[:] = 0.0
+    for point in range(len(p_WQ)):
+        for axis in range(3):
+            a[axis] = p_WQ[point, axis] - p[axis]
+        for axis in range(3):
+            q[axis] = R[0, axis] * a[0] + R[1, axis] * a[1] + R[2, axis] * a[2]
+        write_distance(nodes, counts, low, cell, q, first, share, found)
+        e = found[0] - radius[point]
+        if is_bound[point] and e > 0:
+            continue
+        for axis in range(3):
+            h[3 + axis] = -(R[axis, 0] * found[1] + R[axis, 1] * found[2] + R[axis, 2] * found[3])
+        h[0] = h[5] * a[1] - h[4] * a[2]
+        h[1] = h[3] * a[2] - h[5] * a[0]
+        h[2] = h[4] * a[0] - h[3] * a[1]
+        weight = (scale * scale / (scale * scale + e * e)) ** 2
+        fits += weight
+        weight /= std[point] * std[point]
+        for i in range(6):
+            slope[i] += weight * h[i] * e
+            for j in range(i + 1):
+                information[i, j] += weight * h[i] * h[j]
+    for i in range(6):
+        for j in range(i):
+            information[j, i] = information[i, j]
+    return fits
+
+
+@compiled()
+def write_solution(A, b):  # type: ignore[no-untyped-def]
+    """Writes the solution of A x = b in place of b, by Cholesky's factor in place of A.
+
+    Args:
+        A: Positive definite matrix, shape (n, n).
+        b: Right side, shape (n,).
+    """
+    n = len(b)
+    for i in range(n):
+        for j in range(i + 1):
+            total = A[i, j]
+            for k in range(j):
+                total -= A[i, k] * A[j, k]
+            A[i, j] = math.sqrt(total) if i == j else total / A[j, j]
+        for k in range(i):
+            b[i] -= A[i, k] * b[k]
+        b[i] /= A[i, i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            b[i] -= A[k, i] * b[k]
+        b[i] /= A[i, i]
+
+
+@compiled(
+    "f8(f8[:,::1], i8[::1], f8[::1], f8, f8[:,::1], f8[::1], f8[::1], b1[::1], f8[::1], f8[::1],"
+    " f8[:,::1], f8[::1], f8[:,::1])"
+)
+def write_alignment(  # type: ignore[no-untyped-def]
+    nodes, counts, low, cell, p_WQ, radius, std, is_bound, damping, scales, R, p, information
+):
+    """Moves a pose to points on a surface, as `align_pose`, and returns the sum of the weights.
+
+    Args:
+        nodes: As in `write_information`, here and in the next seven.
+        counts: Numbers of nodes.
+        low: First node.
+        cell: Edge length of a cell.
+        p_WQ: Points.
+        radius: Distances from the surface.
+        std: Standard deviations of these.
+        is_bound: Whether these are bounds.
+        damping: Information on each component of a step, shape (6,).
+        scales: Scale of the weights in each step, shape (k,), in metres.
+        R: Orientation, changed in its place, shape (3, 3).
+        p: Position, changed in its place, shape (3,), in metres.
+        information: Result, shape (6, 6).
+    """
+    slope, turn, before = np.empty(6), np.empty((3, 3)), np.empty((3, 3))
+    for step in range(len(scales)):
+        own = p_WQ, radius, std, is_bound, R, p, scales[step], information, slope
+        write_information(nodes, counts, low, cell, *own)
+        for i in range(6):
+            information[i, i] += damping[i]
+            slope[i] = -slope[i]
+        write_solution(information, slope)
+        rotate(slope, 0, turn)
+        before[:, :] = R
+        multiply(turn, before, R)
+        for axis in range(3):
+            p[axis] += slope[3 + axis]
+    own = p_WQ, radius, std, is_bound, R, p, scales[-1], information, slope
+    return write_information(nodes, counts, low, cell, *own)
+
+
+def compiled_align_pose(
+    grid: DistanceGrid,
+    points: SurfacePoints,
+    R_WO: FloatArray,
+    p_WO: FloatArray,
+    std: FloatArray,
+    scales: tuple[float, ...] = SCALES,
+) -> Alignment:
+    """See `align_pose`."""
+    R, p, information = np.array(R_WO, order="C"), np.array(p_WO), np.empty((6, 6))
+    fits = write_alignment(
+        *(grid.nodes, grid.counts, grid.low, grid.cell),
+        *(np.ascontiguousarray(points.p_WQ), points.radius, points.std, points.is_bound),
+        *(DAMPING / std**2, np.array(scales), R, p, information),
+    )
+    return Alignment(R, p, information, fits)

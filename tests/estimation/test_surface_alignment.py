@@ -1,0 +1,138 @@
+"""Laws of the pose that points on a surface measure."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from drake_pregrasp.arrays import pack
+from drake_pregrasp.estimation.pose_belief import PoseFilterNoise, PoseMeasurement, first_belief
+from drake_pregrasp.estimation.pose_filter import correct, filter_step, pose_residual
+from drake_pregrasp.estimation.surface_alignment import (
+    SurfacePoints,
+    align_pose,
+    measured_part,
+)
+from drake_pregrasp.geometry.distance_grid import distance_grid
+
+NOISE = PoseFilterNoise(5e-4, 3.5e-3, 1e-3, 1e-2, 3.0, 15.0)
+STD = np.repeat([NOISE.orientation, NOISE.position], 3)
+WEDGE = trimesh.convex.convex_hull(
+    np.array([[0, 0, 0], [0.09, 0, 0], [0, 0.07, 0], [0, 0, 0.05], [0.05, 0.05, 0.0]])
+)
+GRID = distance_grid(WEDGE)
+
+
+def placed(seed, count=400, std=0.0, mesh=WEDGE):
+    """Returns points of a mesh at a random pose, and the pose."""
+    rng = np.random.default_rng(seed)
+    R, p = Rotation.random(rng=rng).as_matrix(), rng.normal(size=3)
+    p_MQ = trimesh.sample.sample_surface(mesh, count, seed=seed)[0]
+    return p_MQ @ R.T + p + rng.normal(scale=std, size=p_MQ.shape) if std else p_MQ @ R.T + p, R, p
+
+
+def moved(R, p, turn=(0.06, -0.05, 0.04), shift=(0.006, -0.005, 0.004)):
+    return Rotation.from_rotvec(turn).as_matrix() @ R, p + np.array(shift)
+
+
+def test_points_give_the_pose_though_others_are_in_the_way():
+    for seed in range(5):
+        p_WQ, R, p = placed(seed, std=1e-3)
+        rng = np.random.default_rng(seed)
+        others = p_WQ[:120] + 0.03 + 0.02 * rng.random((120, 3))  # As of a hand beside the object.
+        found = align_pose(
+            GRID, SurfacePoints.seen(np.vstack([p_WQ, others]), 1e-3), *moved(R, p), STD
+        )
+        assert np.linalg.norm(found.p_WO - p) < 7e-4
+        assert Rotation.from_matrix(found.R_WO @ R.T).magnitude() < np.deg2rad(1.0)
+        assert 330 < found.fits < 440
+
+
+def test_a_rigid_motion_of_the_world_moves_the_pose_and_turns_the_information():
+    p_WQ, R, p = placed(1, std=1e-3)
+    turn, shift = Rotation.from_rotvec([0.3, -1.0, 0.5]).as_matrix(), np.array([1.0, -2.0, 0.5])
+    points = SurfacePoints.seen(p_WQ, 1e-3)
+    there = replace(points, p_WQ=p_WQ @ turn.T + shift)
+    start = moved(R, p)
+    here = align_pose(GRID, points, *start, STD)
+    there = align_pose(GRID, there, turn @ start[0], turn @ start[1] + shift, STD)
+    T = np.kron(np.eye(2), turn)
+    np.testing.assert_allclose(there.p_WO, turn @ here.p_WO + shift, atol=1e-9)
+    np.testing.assert_allclose(there.R_WO, turn @ here.R_WO, atol=1e-9)
+    largest = np.abs(here.information).max()
+    np.testing.assert_allclose(
+        there.information / largest, T @ here.information @ T.T / largest, atol=1e-6
+    )
+
+
+def test_more_points_never_tell_less():
+    p_WQ, R, p = placed(2)
+    information = [np.zeros((6, 6))]
+    for count in (3, 10, 60, 400):
+        found = align_pose(GRID, SurfacePoints.seen(p_WQ[:count], 1e-3), R, p, STD)
+        gain = np.linalg.eigvalsh(found.information - information[-1])
+        assert gain.min() > -1e-6 * gain.max()
+        information.append(found.information)
+        part = measured_part(0.0, found, STD)
+        assert part.is_whole == (count > 3)  # Three points leave three directions open.
+
+
+def test_the_centres_of_touching_spheres_measure_as_points_of_the_surface_do():
+    """Spheres that do not touch bound the pose on one side."""
+    p_WQ, R, p = placed(3)
+    gradients = GRID.at((p_WQ - p) @ R)[1]
+    centers = p_WQ + 0.006 * gradients @ R.T
+    spheres = replace(SurfacePoints.seen(centers, 1e-3), radius=np.full(400, 0.006))
+    found = align_pose(GRID, spheres, *moved(R, p), STD)
+    assert np.linalg.norm(found.p_WO - p) < 5e-4
+    bounds = replace(spheres, is_bound=np.ones(400, dtype=bool))
+    apart = replace(bounds, p_WQ=p_WQ + 0.009 * gradients @ R.T)
+    start = moved(R, p, (0, 0, 0), (5e-4, 0, 0))
+    assert align_pose(GRID, apart, *start, STD).fits == 0
+    np.testing.assert_array_equal(align_pose(GRID, apart, *start, STD).p_WO, start[1])
+    deep = replace(bounds, p_WQ=p_WQ + 0.002 * gradients @ R.T)
+    assert align_pose(GRID, deep, R, p, STD).fits > 100
+
+
+def test_what_is_not_observed_stays_as_uncertain_as_before():
+    """Points of one face leave three directions open, whose mean and covariance do not change."""
+    box = trimesh.creation.box([0.1, 0.08, 0.06])
+    rng = np.random.default_rng(4)
+    p_WQ = np.column_stack([rng.uniform(-0.03, 0.03, (200, 2)), np.full(200, 0.03)])
+    p_WQ[:, 2] += 0.002 + rng.normal(scale=1e-4, size=200)
+    points = SurfacePoints.seen(p_WQ, 1e-3)
+    found = align_pose(distance_grid(box), points, np.eye(3), np.zeros(3), STD)
+    part = measured_part(0.0, found, STD)
+    prior = first_belief(PoseMeasurement(0.0, np.zeros(3), np.eye(3)), NOISE)
+    after = correct(prior, *pose_residual(prior, part, NOISE)).belief
+    variances, before = after.P[0].diagonal(), prior.P[0].diagonal()
+    for axis in (2, 3, 4):  # Turn about z, and the ways along x and y.
+        np.testing.assert_allclose(variances[axis], before[axis], rtol=1e-6)
+    for axis in (0, 1, 5):
+        assert variances[axis] < 0.75 * before[axis]
+    np.testing.assert_allclose(after.p_WCoM[0, :2], 0, atol=2e-6)
+    assert after.p_WCoM[0, 2] == pytest.approx(0.001, abs=1e-4)  # Half way: both know it as well.
+    none = replace(part, directions=np.zeros((6, 6)))
+    np.testing.assert_array_equal(
+        pack(correct(prior, *pose_residual(prior, none, NOISE)).belief), pack(prior)
+    )
+    unknown = first_belief(part, NOISE).P[0].diagonal()
+    assert unknown[2] > 9
+    assert np.all(unknown[3:5] > 0.2)
+    assert unknown[5] < 1e-6
+
+
+def test_points_that_observe_everything_measure_as_a_pose_with_the_assumed_noise():
+    p_WQ, R, p = placed(5)
+    found = align_pose(GRID, SurfacePoints.seen(p_WQ, 1e-6), *moved(R, p), STD)
+    part = measured_part(0.05, found, STD)
+    pose = PoseMeasurement(0.05, found.p_WO, found.R_WO)
+    prior = first_belief(PoseMeasurement(0.0, p + 1e-3, R), NOISE)
+    for p_OCoM in (None, np.array([0.02, 0.01, -0.03])):
+        whole, by_points = (filter_step(prior, m, NOISE, p_OCoM)[1] for m in (pose, part))
+        np.testing.assert_allclose(by_points.belief.P, whole.belief.P, rtol=1e-3, atol=1e-8)
+        np.testing.assert_allclose(by_points.belief.p_WCoM, whole.belief.p_WCoM, atol=1e-6)
+        halves = by_points.squares.reshape(2, 3).sum(axis=1)  # Orientation, then position.
+        np.testing.assert_allclose(halves, whole.squares.reshape(2, 3).sum(axis=1), rtol=1e-3)
