@@ -20,23 +20,28 @@ SCOPE = "::"
 class HandInstances:
     """Finds joints, links and frames of a hand by their names in one or several model instances.
 
-    A name is that of the element, or `model_instance::element` if several instances have it. If
-    only one has it, the name of the instance does not count: a plant may call it otherwise.
+    A name is that of the element, or `model_instance::element` if several instances have it.
 
     Args:
         plant: Plant with the hand.
         instances: Model instances of the hand and of what carries it, or the only one.
+        are_named: Whether the instances have the names of the description's model. If not, the name
+            of the instance does not count where only one has the element.
 
     Raises:
         InvalidArgumentError: If the plant has no such model instance.
     """
 
     def __init__(
-        self, plant: MultibodyPlant, instances: ModelInstanceIndex | Sequence[ModelInstanceIndex]
+        self,
+        plant: MultibodyPlant,
+        instances: ModelInstanceIndex | Sequence[ModelInstanceIndex],
+        *,
+        are_named: bool = False,
     ) -> None:
         if isinstance(instances, ModelInstanceIndex):
             instances = [instances]
-        self.plant, self.instances = plant, list(instances)
+        self.plant, self.instances, self._are_named = plant, list(instances), are_named
         there = [ModelInstanceIndex(i) for i in range(plant.num_model_instances())]
         for index in self.instances:
             if index not in there:
@@ -99,7 +104,13 @@ class HandInstances:
         names = {i: self._names(i, kind) for i in self.instances}
         having = [i for i in self.instances if bare in names[i]]
         titles = {i: self.plant.GetModelInstanceName(i) for i in self.instances}
-        if scope and len(having) > 1:
+        if scope and self._are_named and scope not in titles.values():
+            there = ", ".join(titles.values())
+            problem = f"there is no model {scope} with a {kind} {bare}; models are: {there}"
+            raise InvalidArgumentError(f"{prefix}{problem}")
+        if scope and self._are_named:
+            having = [i for i in having if titles[i] == scope]
+        elif scope and len(having) > 1:
             having = [i for i in having if titles[i] == scope] or having
         if len(having) == 1:
             return having[0], bare

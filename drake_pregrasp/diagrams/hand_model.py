@@ -114,7 +114,7 @@ class HandModel:
         models = self.add_to(plant, warns=warns)
         plant.Finalize()
         diagram = builder.Build()
-        return diagram, HandInstances(diagram.plant(), models)
+        return diagram, HandInstances(diagram.plant(), models, are_named=True)
 
     def _kinematics(self, hand: HandInstances, kernels: HandKernels) -> HandKinematics:
         frames = []

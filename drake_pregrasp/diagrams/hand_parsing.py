@@ -61,7 +61,9 @@ def held_messages() -> Iterator[list[logging.LogRecord]]:
 
 
 HAND = "hand"
-"""Name of a hand's model instance in the plant, for any name in its file."""
+"""Name of a hand's model instance in the plant, for any name in its file but directives."""
+
+_EMPTY = 2  # Number of model instances of a plant without models: of the world, and the default.
 
 
 def add_hand_model(
@@ -128,8 +130,10 @@ def add_read_model(
         X_WB: As for `add_hand_model`.
         warns: Whether warnings about the model are logged.
     """
+    is_first = plant.num_model_instances() == _EMPTY  # No instance is renamed then.
     instances = _parse(plant, model, warns=warns)
-    complete_hand_model(plant, description, instances, yaw_range, X_WB)
+    hand = HandInstances(plant, instances, are_named=is_first)
+    _complete(hand, description, yaw_range, X_WB)
     return instances
 
 
@@ -154,7 +158,15 @@ def complete_hand_model(
     Raises:
         InvalidArgumentError: If the models do not match the description.
     """
-    hand = HandInstances(plant, robot)
+    _complete(HandInstances(plant, robot), description, yaw_range, X_WB)
+
+
+def _complete(
+    hand: HandInstances,
+    description: HandDescription,
+    yaw_range: tuple[float, float],
+    X_WB: RigidTransform | None,
+) -> None:
     try:
         with failures_as_errors():
             assemble_hand(hand, description, X_WB)
@@ -164,7 +176,7 @@ def complete_hand_model(
         problem = f"model: {description.model}: {first_line(error)}"
         raise InvalidArgumentError(problem) from error
     for instance in hand.instances:
-        plant.set_gravity_enabled(instance, False)
+        hand.plant.set_gravity_enabled(instance, False)
     if isinstance(description.base, Carrier) and yaw_range != FREE_TURN:
         joint = hand.joint(description.base.joints[-1], "base.joints")
         joint.set_position_limits([yaw_range[0]], [yaw_range[1]])
@@ -185,7 +197,7 @@ def _parse(plant: MultibodyPlant, model: CheckedModel, *, warns: bool) -> list[M
             logging.getLogger(__name__).warning(line)
         for message in messages:
             logging.getLogger("drake").handle(message)
-    if len(instances) == 1:
+    if len(instances) == 1 and model.kind != DIRECTIVES_KIND:
         plant.RenameModelInstance(instances[0], HAND)
     return list(instances)
 

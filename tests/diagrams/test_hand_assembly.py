@@ -4,12 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from five_finger_hand import HAND
 from pages import DOCS, blocks
 from pydrake.multibody.plant import MultibodyPlant
 
 from drake_pregrasp import HandDescription, HandModel, InvalidArgumentError, load_hand
 from drake_pregrasp.config.hand_description import Drive, Fingertip, LockedJoint, Mount
 from drake_pregrasp.diagrams.directive_files import checked_copy
+from drake_pregrasp.diagrams.hand_instances import HandInstances
 from drake_pregrasp.diagrams.hand_parsing import add_hand_model
 
 MJCF = '<mujoco>{}<worldbody><body name="palm"><include file="{}"/></body></worldbody></mujoco>'
@@ -113,3 +115,18 @@ def test_included_parts_of_an_mjcf_are_read_once_from_allowed_folders(tmp_path):
 def test_two_fingers_with_a_joint_each_are_jaws_if_there_are_no_others(joints, pairs):
     tips = [Fingertip(home=[0.0] * count) for count in joints]
     assert len(HandDescription(fingertips=tips).jaws) == pairs
+
+
+def test_a_model_of_a_name_must_exist_in_the_description_but_not_in_a_plant():
+    tips = [replace(tip) for tip in HAND.description.fingertips]
+    tips[0].frame = f"typo::{tips[0].frame}"
+    typo = replace(HAND.description, fingertips=tips)
+    with pytest.raises(
+        InvalidArgumentError, match=r"there is no model typo with a frame .*: hand$"
+    ):
+        HandModel(typo)
+    plant = MultibodyPlant(0.01)
+    robot = HandInstances(plant, add_hand_model(plant, HAND.description))
+    assert robot.body("renamed::palm", "key") is robot.body("palm", "key")
+    tips[0].frame = tips[0].frame.replace("typo", "hand")
+    HandModel(typo)
