@@ -31,8 +31,9 @@ class HandOverObject:
         least_fingers: Smallest number of fingers of a grasp.
         holds_palm: Function that tells whether the hand can hold its palm at a yaw.
         p_AO: Position of the object's origin in A, shape (3,), in metres.
-        in_workspace: Function from a yaw and centres of each fingertip in O, shape (n, k, 3), to
-            the mask of those that its joints reach, shape (n, k).
+        workspace_gaps: Function from a yaw, centres of each fingertip in O, shape (n, k, 3), and
+            the largest gap that is sought, to the distances from what its joints reach, shape
+            (n, k), in metres; 0 where they reach, and inf beyond the largest gap.
         patch_radii: Radii of the patches of soft fingertips, and 0 for hard ones, shape (n,), in
             metres; None if all are hard.
         pairs: Pairs of contacts that must be opposite each other.
@@ -54,7 +55,9 @@ class HandOverObject:
     least_fingers: int = 3
     holds_palm: Callable[[float], bool] = lambda yaw: True
     p_AO: FloatArray = field(default_factory=lambda: np.zeros(3))
-    in_workspace: Callable[[float, FloatArray], BoolArray] = lambda _, p: np.full(p.shape[:2], True)
+    workspace_gaps: Callable[[float, FloatArray, float], FloatArray] = lambda yaw, p_OT, largest: (
+        np.zeros(p_OT.shape[:2])
+    )
     patch_radii: FloatArray | None = None
     pairs: tuple[Pair, ...] = ()
     opening: float = np.inf

@@ -9,9 +9,17 @@ from drake_pregrasp.contacts.contact_pairs import OppositePoints, Pair
 from drake_pregrasp.contacts.hand_over_object import HandOverObject
 from drake_pregrasp.contacts.tipping import tipping_shares
 from drake_pregrasp.geometry.mesh_surface import INTRUSION, mean_slopes
-from drake_pregrasp.geometry.solids import SignedDistance
+from drake_pregrasp.geometry.solids import EVERYWHERE, SignedDistance, rounded_box_distances
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.regions.constraints import ALONG, OPPOSITE, Limit
+from drake_pregrasp.regions.constraints import (
+    ALONG,
+    OPPOSITE,
+    RADIUS,
+    REACH_SOLID,
+    SECTOR,
+    Limit,
+)
+from drake_pregrasp.regions.finger_reach import reached
 
 AWAY = -1
 """Candidate of a finger that stays away."""
@@ -65,10 +73,8 @@ class StartCandidates:
         # Contacts nearer to each other have no safe regions (`neighbour_half_spaces`).
         largest = np.maximum(limits.tip_radii[:, None], limits.tip_radii)
         self._room = 2 * largest + limits.tip_gap
-        self._fits = np.ones((self._n, len(index)), dtype=bool)
-        for centres in self._ways:
-            gaps = solid.distance(centres.reshape(-1, 3)).reshape(self._n, -1)
-            self._fits &= gaps >= limits.tip_radii[:, None] - INTRUSION
+        gaps = [solid.distance(p.reshape(-1, 3)).reshape(self._n, -1) for p in self._ways]
+        self._spare = np.min(gaps, axis=0) - (limits.tip_radii[:, None] - INTRUSION)
         radius = float(np.mean(limits.tip_radii)) / 2
         self._slopes = _FLAT * mean_slopes(self.p_OQ, self.nhat_OQ, solid, radius)
         shares = tipping_shares(
@@ -98,10 +104,68 @@ class StartCandidates:
         constraints, fingers = self._hand.constraints_at(yaw), range(self._n)
         limits = np.array([constraints.limits_at(i, self.p_OQ, self.nhat_OQ)[0] for i in fingers])
         for centres in (self._ways[0], self._ways[-1]):
-            within = self._hand.in_workspace(yaw, centres)
-            limits[~within & (limits != Limit.FORBIDDEN)] = Limit.REACH
-        limits[~self._fits & (limits == Limit.NONE)] = Limit.WALL
+            beyond = self._hand.workspace_gaps(yaw, centres, 0.0) > 0
+            limits[beyond & (limits != Limit.FORBIDDEN)] = Limit.REACH
+        limits[(self._spare < 0) & (limits == Limit.NONE)] = Limit.WALL
         return limits
+
+    def reach_gaps_at(self, yaw: float) -> FloatArray:
+        """Returns by how much each finger misses the nearest candidate on a side that it may touch.
+
+        Args:
+            yaw: Yaw of the palm, in radians.
+
+        Returns:
+            The gaps, shape (n,), in metres; inf if there is no such side.
+        """
+        constraints, p, nhat = self._hand.constraints_at(yaw), self.p_OQ, self.nhat_OQ
+        predicates, gaps = constraints.predicates(self._n), np.full(self._n, np.inf)
+        beyond = self._hand.workspace_gaps(yaw, self._ways[0], np.inf)
+        for i, row in enumerate(predicates.contacts[:, REACH_SOLID.start : SECTOR.stop]):
+            angles = np.concatenate([EVERYWHERE, row[19:]])
+            faces = reached(angles, p, nhat, self._ways[-1][i])
+            faces &= constraints.limits_at(i, p, nhat)[0] != Limit.FORBIDDEN
+            off = np.maximum(rounded_box_distances(row[:19], p), beyond[i])
+            gaps[i] = np.min(off[faces], initial=np.inf)
+        return gaps
+
+    def lacking_room_at(self, yaw: float) -> FloatArray:
+        """Returns by how much each fingertip is too large for its roomiest candidate in reach.
+
+        Args:
+            yaw: Yaw of the palm, in radians.
+
+        Returns:
+            The amounts between obstacles and the object, shape (n,), in metres; negative if it
+            fits, and inf if nothing is in reach.
+        """
+        predicates = self._hand.constraints_at(yaw).predicates(self._n)
+        needed = predicates.contacts[:, RADIUS] + predicates.clearance
+        spare = self._spare
+        for row in predicates.solids[:, :19]:
+            for centres in self._ways:
+                gaps = rounded_box_distances(row, centres.reshape(-1, 3)).reshape(self._n, -1)
+                spare = np.minimum(spare, gaps - needed[:, None])
+        in_reach = ~np.isin(self.limits_at(yaw), (Limit.FORBIDDEN, Limit.REACH))
+        spare = np.where(in_reach, spare, -np.inf)
+        return np.asarray(-np.max(spare, axis=1))
+
+    def spread(self, free: BoolArray, count: int) -> tuple[float, float]:
+        """Returns how far some places in reach are apart, and what two fingertips need, in metres.
+
+        Places are added one by one, each as far as possible from those before.
+
+        Args:
+            free: Mask of the candidates that each finger may have, shape (n, K).
+            count: Number of places.
+        """
+        p_OT = self._level[free]
+        nearest = np.linalg.norm(
+            p_OT - p_OT[np.argmax(np.linalg.norm(p_OT - p_OT[0], axis=1))], axis=1
+        )
+        for _ in range(count - 2):
+            nearest = np.minimum(nearest, np.linalg.norm(p_OT - p_OT[np.argmax(nearest)], axis=1))
+        return float(np.max(nearest)), float(np.min(self._room))
 
     def discomforts_at(self, yaw: float) -> FloatArray:
         """Returns the cost of each fingertip's path from home to each candidate, shape (n, K).

@@ -266,6 +266,21 @@ class _Search:
         p_OC = self._p[self._nearest_candidates(trial)]
         return StartContacts(p_OC, trial.candidates != AWAY, trial.yaw, trial.margin, trial.score)
 
+    def _missing_room(self, limits: list[IntArray]) -> str:
+        """Returns in words by how much fingertips are too large, or too near to each other."""
+        least, yaws = self._hand.least_fingers, self.yaws()
+        lacking = [np.sort(self._candidates.lacking_room_at(yaw))[least - 1] for yaw in yaws]
+        if 0 < (missing := 1e3 * min(lacking)) < np.inf:
+            return (
+                f", and the missing ones are {missing:.3g} mm too large for their roomiest places"
+            )
+        free = [at == Limit.NONE for at in limits]
+        apart, needed = max(self._candidates.spread(mask, least) for mask in free if np.any(mask))
+        if apart > needed:
+            return ""
+        there = f"{least} places in reach are at most {1e3 * apart:.3g} mm apart"
+        return f", {there}, and fingertips need {1e3 * needed:.3g} mm"
+
     def lack(self) -> NoGraspError:
         """Returns what is missing, if there is no grasp."""
         least, friction = self._hand.least_fingers, self._hand.friction
@@ -287,7 +302,12 @@ class _Search:
         reached, one_sided = lacks([~np.isin(at, (Limit.FORBIDDEN, Limit.REACH)) for at in limits])
         if reached < least:
             detail = f"at most {reached} fingers reach it at any yaw; {least} are needed"
-            return NoGraspError(Lack.REACH, detail)
+            gaps = [np.sort(self._candidates.reach_gaps_at(yaw)) for yaw in self.yaws()]
+            gap = 1e3 * min(gap[least - 1] for gap in gaps)
+            others = f"the missing ones end {gap:.3g} mm off"
+            if not gap < np.inf:
+                others = "the missing ones face no side that they may touch"
+            return NoGraspError(Lack.REACH, f"{detail}, and {others}")
         if one_sided and np.any(opposite):
             apart = 1e3 * np.max(pdist(self._candidates.across(self._hand.p_OT_at(self._hand.yaw))))
             from_planes = self._p @ self._normals.T - np.sum(self._p * self._normals, axis=1)
@@ -302,7 +322,8 @@ class _Search:
         if most < least or (one_sided and np.any(opposite)):
             where = " on two opposite sides" if most >= least else ""
             detail = f"at most {most} fingertips have room beside each other, table and object"
-            return NoGraspError(Lack.ROOM, f"{detail}{where}; {least} are needed")
+            detail = f"{detail}{where}; {least} are needed{self._missing_room(limits)}"
+            return NoGraspError(Lack.ROOM, detail)
         cones = [self._cones(t.candidates) for t in trials if len(t.fingers) >= least]
         needed = needed_friction([(p, n, model) for (p, n, _), model in cones], friction)
         detail = f"no contacts in reach have force closure with friction {friction:g}"

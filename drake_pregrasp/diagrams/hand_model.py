@@ -11,7 +11,7 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.planning import RobotDiagram, RobotDiagramBuilder
 from scipy.spatial import cKDTree
 
-from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.hand_description import Carrier, Fingertip, HandDescription
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams.hand_instances import HandInstances
@@ -214,22 +214,28 @@ class HandModel:
         p_AC: FloatArray = (p_LC - self.X_LA.translation()) @ self.X_LA.rotation().matrix()
         return p_AC
 
-    def in_workspace(self, p_HT: FloatArray) -> BoolArray:
-        """Returns the mask of places of each fingertip that its joints reach, shape (n, k).
+    def workspace_gaps(self, p_HT: FloatArray, largest: float = np.inf) -> FloatArray:
+        """Returns how far places of each fingertip are from those that its joints reach.
 
-        Fingers with fewer than three joints reach the places on a line or a surface. The carrier
-        brings it to places beside, so only the way along the joints' directions at home counts.
+        It is 0 where they reach, and inf beyond the largest gap. Fingers with fewer than three
+        joints reach the places on a line or a surface. The carrier brings it to places beside, so
+        only the way along the joints' directions at home counts.
 
         Args:
             p_HT: Centres of each fingertip in A at yaw 0, shape (n, k, 3), in metres.
+            largest: Largest gap that is sought, in metres; the search is shorter for small ones.
+
+        Returns:
+            The gaps, shape (n, k), in metres.
         """
-        near = zip(self.workspaces, self._steps, self.finger_chains, p_HT, strict=True)
-        # A search that ends at the step, which such a bound leaves out, is shorter.
-        found = [
-            tree.query(chain.along(p), distance_upper_bound=math.nextafter(step, math.inf))
-            for tree, step, chain, p in near
-        ]
-        return np.isfinite([distances for distances, _ in found])
+        gaps = []
+        for tree, step, chain, p in zip(
+            self.workspaces, self._steps, self.finger_chains, p_HT, strict=True
+        ):
+            bound = math.nextafter(step + largest, math.inf)  # Which is itself left out.
+            distances, _ = tree.query(chain.along(p), distance_upper_bound=bound)
+            gaps.append(np.maximum(0.0, distances - step))
+        return np.array(gaps)
 
     @cached_property
     def _steps(self) -> list[float]:

@@ -136,8 +136,8 @@ def start_contacts_of(
             pairs=tuple(limits.pairs),
             opening=hand.opening - 2 * config.standoff,
             holds_palm=lambda yaw: not problem_at(yaw),
-            in_workspace=lambda yaw, p_OT: hand.in_workspace(
-                (p_OT - p_OA) @ R_OA @ yaw_matrix(yaw)
+            workspace_gaps=lambda yaw, p_OT, largest: hand.workspace_gaps(
+                (p_OT - p_OA) @ R_OA @ yaw_matrix(yaw), largest
             ),
             clearance_weight=float(
                 hand.X_LA.IsExactlyIdentity()
@@ -205,7 +205,7 @@ def _given_contacts(
     p_OC, has_room = make_room(surface, p_OC, constraints, up=R_OA[:, 2])
     p_OT = p_OC + hand.tip_radii[:, None] * surface.project(p_OC)[1]
     p_AT = hand.around_axis(p_OT, R_WO, p_OCoM) @ yaw_matrix(yaw)
-    reached = has_room & hand.in_workspace(p_AT[:, None])[:, 0]
+    reached = has_room & (hand.workspace_gaps(p_AT[:, None], 0.0)[:, 0] == 0)
     away = np.mean(np.linalg.norm(hand.p_HT - p_AT, axis=1))
     return StartContacts(p_OC, has_room, yaw, np.nan, float(np.sum(reached) - away))
 

@@ -1,5 +1,6 @@
 """Start contacts of a hand: laws of the choice, and what is missing where there is no grasp."""
 
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -288,7 +289,11 @@ def ball_reaches(direction, radius):
             "reach two opposite sides, which are 73.5 mm apart; tips at home are 152 mm apart",
             {"reaches": ball_reaches([1.0, 0, 0], 1)},
         ),
-        slow(Lack.ROOM, "fingertips have room beside each other", {"tip": 0.15}),
+        slow(
+            Lack.ROOM,
+            "5 places in reach are at most [0-9.]+ mm apart, and fingertips need 64 mm",
+            {"tip": 0.03, "least_fingers": 5},
+        ),
         slow(
             Lack.FRICTION,
             "no contacts in reach have force closure with friction 0; they need 0.05",
@@ -301,6 +306,31 @@ def test_it_says_what_is_missing(lack, message, options):
     with pytest.raises(NoGraspError, match=f"no grasp for lack of {lack}: .*{message}") as error:
         chosen(shape_of("box0"), **options)
     assert error.value.lack == lack
+
+
+@pytest.mark.parametrize(
+    ("words", "options"),
+    [
+        (
+            "the missing ones end ([0-9.]+) mm off",
+            lambda added: {"reaches": ball_reaches([1.0, 0, 0], 1e-4 + added)},
+        ),
+        slow(
+            "the missing ones are ([0-9.]+) mm too large for their roomiest places",
+            lambda added: {"tip": 0.06 - added},
+        ),
+    ],
+)
+def test_what_is_missing_is_missing_no_longer_when_it_is_added(words, options):
+    def found(added):
+        try:
+            chosen(shape_of("box0"), **options(added))
+        except NoGraspError as error:
+            return re.search(words, str(error))
+
+    missing = 1e-3 * float(found(0.0)[1])
+    assert found(0.9 * missing)
+    assert not found(1.02 * missing)
 
 
 def test_an_object_that_is_nearly_too_heavy_is_held_beside_the_best_margin():
