@@ -9,6 +9,7 @@ import logging
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
@@ -26,9 +27,11 @@ from drake_pregrasp.diagrams.directive_files import (
 from drake_pregrasp.diagrams.hand_assembly import assemble_hand
 from drake_pregrasp.diagrams.hand_instances import HandInstances
 from drake_pregrasp.diagrams.model_files import CheckedModel
+from drake_pregrasp.diagrams.object_contact import make_compliant
 from drake_pregrasp.errors import InvalidArgumentError, ProblemsError, first_line
 from drake_pregrasp.resources import resolve_path
 from drake_pregrasp.robots.robot_models import ROBOTS_URL, robot_model
+from drake_pregrasp.systems.hand_kinematics import fingertip_geometries
 from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 
 
@@ -71,6 +74,7 @@ def add_hand_model(
     description: HandDescription,
     yaw_range: tuple[float, float] = FREE_TURN,
     X_WB: RigidTransform = FROM_ABOVE,
+    scene_graph: SceneGraph | None = None,
 ) -> list[ModelInstanceIndex]:
     """Adds a hand to a plant that is not finalized, without gravity, as if it were compensated.
 
@@ -83,6 +87,8 @@ def add_hand_model(
         yaw_range: Smallest and largest angle of a carrier's wrist, in radians; the model keeps its
             own range by default.
         X_WB: Pose in W of the frame B that the model calls its world, in which the base stands.
+        scene_graph: SceneGraph of the plant, in which fingertips without hydroelastic properties
+            become compliant; None: they stay as they are.
 
     Returns:
         The model instances of the hand and of what carries it.
@@ -90,8 +96,11 @@ def add_hand_model(
     Raises:
         InvalidArgumentError: If its model cannot be loaded, or does not match its description.
     """
-    copy = read_model(description.model)
-    return add_read_model(plant, copy, description, yaw_range, X_WB, warns=True)
+    model = read_model(description.model)
+    models = add_read_model(plant, model, description, yaw_range, X_WB, warns=True)
+    if scene_graph is not None:
+        _soften(HandInstances(plant, models), description, scene_graph)
+    return models
 
 
 def read_model(model: str) -> CheckedModel:
@@ -143,6 +152,7 @@ def complete_hand_model(
     robot: ModelInstanceIndex | Sequence[ModelInstanceIndex],
     yaw_range: tuple[float, float] = FREE_TURN,
     X_WB: RigidTransform | None = None,
+    scene_graph: SceneGraph | None = None,
 ) -> None:
     """Adds the drives and frames of a description to models in a plant that is not finalized.
 
@@ -154,11 +164,23 @@ def complete_hand_model(
         robot: Model instances of the hand and of what carries it.
         yaw_range: As for `add_hand_model`.
         X_WB: As for `add_hand_model`; None: the base stays where it is.
+        scene_graph: As for `add_hand_model`.
 
     Raises:
         InvalidArgumentError: If the models do not match the description.
     """
-    _complete(HandInstances(plant, robot), description, yaw_range, X_WB)
+    _complete(hand := HandInstances(plant, robot), description, yaw_range, X_WB)
+    if scene_graph is not None:
+        _soften(hand, description, scene_graph)
+
+
+def _soften(hand: HandInstances, description: HandDescription, scene_graph: SceneGraph) -> None:
+    """Makes fingertips compliant."""
+    tips, inspector = description.fingertips, scene_graph.model_inspector()
+    frames = [hand.frame(tip.frame, "fingertips") for tip in tips]
+    radii = [tip.radius for tip in tips]
+    geometries = fingertip_geometries(hand.plant, frames, radii, inspector)
+    make_compliant(hand.plant, scene_graph, geometries)
 
 
 def _complete(

@@ -1,6 +1,6 @@
 """Contact of an object with the other bodies of a plant."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 
 import numpy as np
 import trimesh
@@ -37,8 +37,8 @@ def separate_contacts(
     The rest touches its hull.
 
     Links without hydroelastic properties have points of contact with the hull if the object is
-    convex. Otherwise they become compliant and touch the mesh. Geometries that are separated
-    already stay as they are.
+    convex. Otherwise they become compliant and touch the mesh, as those do that are so already
+    (`make_compliant`). Geometries that are separated already stay as they are.
 
     Args:
         plant: Finalized plant with all bodies that the object may touch.
@@ -62,11 +62,9 @@ def separate_contacts(
         is_ball = isinstance(kind, Sphere) and not is_point
         is_pad = isinstance(kind, Cylinder) and _is_compliant(properties)
         if is_point and not is_convex:
-            AddCompliantHydroelasticProperties(_LINK_RESOLUTION, _LINK_MODULUS, properties)
-            source = plant.get_source_id()
-            scene_graph.AssignRole(source, geometry, properties, RoleAssign.kReplace)
+            make_compliant(plant, scene_graph, [geometry])
             fine.append(geometry)
-        elif is_ball or is_pad:
+        elif is_ball or is_pad or (not is_convex and _modulus(properties) == _LINK_MODULUS):
             fine.append(geometry)
         else:
             flat.append(geometry)
@@ -74,6 +72,24 @@ def separate_contacts(
     only.ExcludeBetween(GeometrySet(hull), GeometrySet(fine))
     only.ExcludeBetween(GeometrySet(surface), GeometrySet(flat))
     scene_graph.collision_filter_manager().Apply(only)
+
+
+def make_compliant(
+    plant: MultibodyPlant, scene_graph: SceneGraph, geometries: Iterable[GeometryId]
+) -> None:
+    """Makes geometries of a hand compliant, unless they have hydroelastic properties.
+
+    Args:
+        plant: Plant with the geometries.
+        scene_graph: SceneGraph of the plant.
+        geometries: The geometries.
+    """
+    inspector, source = scene_graph.model_inspector(), plant.get_source_id()
+    for geometry in geometries:
+        properties = ProximityProperties(inspector.GetProximityProperties(geometry))
+        if not _is_hydroelastic(properties):
+            AddCompliantHydroelasticProperties(_LINK_RESOLUTION, _LINK_MODULUS, properties)
+            scene_graph.AssignRole(source, geometry, properties, RoleAssign.kReplace)
 
 
 def has_hull_and_surface(
@@ -156,4 +172,9 @@ def _is_hydroelastic(properties: ProximityProperties) -> bool:
 
 
 def _is_compliant(properties: ProximityProperties) -> bool:
-    return bool(properties.HasProperty("hydroelastic", "hydroelastic_modulus"))
+    return _modulus(properties) > 0
+
+
+def _modulus(properties: ProximityProperties) -> float:
+    """Returns the hydroelastic modulus in Pa; 0 without one."""
+    return float(properties.GetPropertyOrDefault("hydroelastic", "hydroelastic_modulus", 0.0))

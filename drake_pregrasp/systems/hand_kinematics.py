@@ -164,9 +164,6 @@ def hand_links(
 ) -> dict[GeometryId, HandLink]:
     """Returns the collision geometries of all bodies that move with a joint of the hand.
 
-    A fingertip is the geometry whose centre is within its radius of its frame. If a body has none
-    there, all its geometries count as the fingertip.
-
     Args:
         plant: Finalized plant with the hand.
         tip_frames: Frames of the fingertips.
@@ -175,14 +172,7 @@ def hand_links(
     """
     moves = np.array([moving_joints(plant, frame) for frame in tip_frames])
     own = moves & (np.sum(moves, axis=0) == 1)
-    tips: set[GeometryId] = set()
-    for frame, radius in zip(tip_frames, tip_radii, strict=True):
-        p_BT = frame.GetFixedPoseInBodyFrame().translation()
-        there = plant.GetCollisionGeometriesForBody(frame.body())
-        places = [inspector.GetPoseInFrame(geometry).translation() for geometry in there]
-        near = [np.linalg.norm(place - p_BT) <= radius for place in places]
-        tips.update(g for g, is_near in zip(there, near, strict=True) if is_near or not any(near))
-    links = {}
+    tips, links = fingertip_geometries(plant, tip_frames, tip_radii, inspector), {}
     for index in map(BodyIndex, range(plant.num_bodies())):
         body_frame = plant.get_body(index).body_frame()
         moved = moving_joints(plant, body_frame)
@@ -194,6 +184,27 @@ def hand_links(
             is_last = finger != BASE and np.array_equal(moved, moves[finger])
             links[geometry] = HandLink(body_frame, finger, geometry in tips, is_last)
     return links
+
+
+def fingertip_geometries(
+    plant: MultibodyPlant,
+    tip_frames: Sequence[Frame],
+    tip_radii: Sequence[float] | FloatArray,
+    inspector: SceneGraphInspector,
+) -> set[GeometryId]:
+    """Returns the collision geometries of fingertips; the arguments are those of `hand_links`.
+
+    A fingertip is the geometry whose centre is within its radius of its frame. If a body has none
+    there, all its geometries count as the fingertip. The plant need not be finalized.
+    """
+    tips: set[GeometryId] = set()
+    for frame, radius in zip(tip_frames, tip_radii, strict=True):
+        p_BT = frame.GetFixedPoseInBodyFrame().translation()
+        there = plant.GetCollisionGeometriesForBody(frame.body())
+        places = [inspector.GetPoseInFrame(geometry).translation() for geometry in there]
+        near = [np.linalg.norm(place - p_BT) <= radius for place in places]
+        tips.update(g for g, is_near in zip(there, near, strict=True) if is_near or not any(near))
+    return tips
 
 
 def scoped_frame(plant: MultibodyPlant, scoped_name: str) -> Frame:

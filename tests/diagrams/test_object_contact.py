@@ -85,7 +85,8 @@ def added(plant):
 
 
 @pytest.mark.parametrize(
-    ("link", "is_hydroelastic"), [(None, True), (None, False), (Capsule(RADIUS, 0.02), False)]
+    ("link", "is_hydroelastic"),
+    [(None, True), (None, False), (Capsule(RADIUS, 0.02), True), (Capsule(RADIUS, 0.02), False)],
 )
 def test_an_object_that_is_added_has_no_problem(link, is_hydroelastic):
     plant, scene_graph, body, tip = plant_with(added, link, is_hydroelastic)
@@ -120,6 +121,33 @@ def test_a_mesh_whose_hollow_is_filled_is_warned_of(properties, tip_is_hydroelas
     found = problems_of(*there)
     assert len(found) == len(expected)
     assert all(words in problem for words, problem in zip(expected, found, strict=True))
+
+
+@pytest.mark.parametrize("completes", [False, True])
+def test_fingertips_that_are_added_are_compliant(completes):
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlant(MultibodyPlantConfig(time_step=0.01), builder)
+    cup = own_mesh(rigid)(plant)
+    hand = dp.load_hand("package://drake_pregrasp/five_finger_hand.yaml")
+    if completes:
+        dp.complete_hand_model(plant, hand, dp.add_hand_model(plant, hand), scene_graph=scene_graph)
+    else:
+        dp.add_hand_model(plant, hand, scene_graph=scene_graph)
+    plant.Finalize()
+    inspector = scene_graph.model_inspector()
+    links = {
+        geometry: inspector.GetProximityProperties(geometry)
+        for index in plant.GetBodyIndices(plant.GetModelInstanceByName("hand"))
+        for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(index))
+    }
+    tips = [g for g, own in links.items() if own.HasProperty("hydroelastic", "compliance_type")]
+    moduli = [links[g].GetProperty("hydroelastic", "hydroelastic_modulus") for g in tips]
+    frictions = [links[g].GetProperty("material", "coulomb_friction") for g in tips]
+    assert moduli == [1e8] * 5
+    assert min(friction.static_friction() for friction in frictions) > 0
+    radii = [inspector.GetShape(geometry).radius() for geometry in tips]
+    np.testing.assert_allclose(radii, [tip.radius for tip in hand.fingertips])
+    assert list(contact_problems(plant, inspector, cup, tips, CUP.make_shape().mesh.volume)) == []
 
 
 def test_points_of_contact_are_warned_of():
