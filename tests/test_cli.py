@@ -17,6 +17,7 @@ from drake_pregrasp.cli import main
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.smooth_file import CARRIED
 
+HAND = "package://drake_pregrasp/five_finger_hand.yaml"
 SHORT = ["--simulation_duration", "0.5", "--no-recording"]
 
 
@@ -170,6 +171,19 @@ def test_export_and_replay_refuse_options_without_effect(tmp_path, capsys):
     ):
         assert main(shlex.split(line.format(tmp_path))) == 2
         assert problem in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "text", ["[1]", "3", "{}", '{"grasp": 3}', '{"grasp": {"phase": "hold"}}', "{", 9999 * "["]
+)
+def test_replay_refuses_a_broken_summary_before_it_runs(tmp_path, capsys, text):
+    (tmp_path / "scenario.yaml").write_text(f"own: {{hand: {{file: {HAND}}}, ring_contacts: 5}}")
+    (tmp_path / "summary.json").write_text(text)
+    assert main(["replay", str(tmp_path), "--engine", "drake"]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "summary.json: is no summary of a run with a hand" in error
 
 
 def test_replay_reads_files_of_allowed_folders(tmp_path, capsys):

@@ -2,7 +2,6 @@
 
 import argparse
 import json
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -76,16 +75,16 @@ def _replay(options: argparse.Namespace) -> int:
         raise InvalidArgumentError(f"{folder}: has no hand, so there is no grasp to repeat")
     if options.postures:
         return _test_postures(options, resolved)
+    first, was_held = _outcome(folder)
     name = f"{folder.resolve().name}-{options.engine}"
     with stop_on_signals() as should_stop:
         done = run(resolved, name=name, out=options.out, should_stop=should_stop, recording=False)
     if not done.completed:
         return INTERRUPTED_STATUS
-    first, second = _grasp(folder), done.summary["grasp"]
-    print(f"run         {grasp_in_words(first)}")
-    print(f"{options.engine:12}{grasp_in_words(second)}")
-    agree = "agree" if _is_held(first) == _is_held(second) else "differ"
-    print(f"verdicts    {agree}")
+    second, is_held = _outcome(done.folder)
+    print(f"run         {first}")
+    print(f"{options.engine:12}{second}")
+    print(f"verdicts    {'agree' if was_held == is_held else 'differ'}")
     print(f"results in {done.folder}")
     return 0
 
@@ -98,19 +97,18 @@ def _refuse(options: argparse.Namespace, where: str, *names: str) -> None:
         raise InvalidArgumentError(f"--{given[0]}: has no effect on {where}; leave it out")
 
 
-def _grasp(folder: Path) -> dict[str, Any]:
+def _outcome(folder: Path) -> tuple[str, bool]:
+    """Returns the results of a grasp in words, and whether the object was held.
+
+    Of a run without a shake, it is whether the hand holds it at the end.
+    """
     file = folder / "summary.json"
     try:
         grasp: dict[str, Any] = json.loads(read_bounded_text(file, MAX_BYTES))["grasp"]
-    except (ValueError, KeyError) as error:
+        words, held = grasp_in_words(grasp), grasp.get("held")
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
         raise InvalidArgumentError(f"{file}: is no summary of a run with a hand") from error
-    return grasp
-
-
-def _is_held(grasp: Mapping[str, Any]) -> bool:
-    """Returns whether an object was held; of a run without a shake, whether the hand holds it."""
-    held = grasp.get("held")
-    return grasp["phase"] == "hold" if held is None else bool(held)
+    return words, grasp["phase"] == "hold" if held is None else bool(held)
 
 
 def _test_postures(options: argparse.Namespace, resolved: ResolvedScenario) -> int:
