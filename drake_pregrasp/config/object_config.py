@@ -214,6 +214,12 @@ class Conveyor:
         },
     )
 
+    # Initial x and y of the object's centre of mass in W, in metres. The turntable starts at x.
+    position: list[float] = field(
+        default_factory=lambda: [0.0, 0.0],
+        metadata={"length": 2, "at_least": -10, "at_most": 10},
+    )
+
     # Angle of O about z of W at the start, in radians.
     yaw: float = field(default=0.0, metadata={"at_least": -10, "at_most": 10})
 

@@ -32,8 +32,7 @@ def expected_path(motion: MotionConfig, duration: float, shape: Shape) -> FloatA
     p_OCoM = shape.p_OCoM
     start = resting_position(shape) + p_OCoM
     if isinstance(motion, Conveyor):
-        profile = VelocityProfile(motion.velocities())
-        path = [start + np.array([profile.at(time)[0][0], 0.0, 0.0]) for time in times]
+        path = [X_WO @ p_OCoM for _, X_WO in expected_poses(motion, duration, shape)]
     elif isinstance(motion, Toss):
         position, velocity = np.array(motion.position), np.array(motion.velocity)
         if motion.table:
@@ -66,12 +65,12 @@ def expected_poses(
     start = initial_pose(motion, shape)
     if not isinstance(motion, Conveyor):
         return [(0.0, start)]
-    profile = VelocityProfile(motion.velocities())
-    poses = []
+    profile, x = VelocityProfile(motion.velocities()), motion.position[0]
+    on_table, poses = RigidTransform([-x, 0.0, 0.0]) @ start, []
     for time in np.linspace(0.0, duration, _POSES).tolist():
         slid, turned = profile.at(time)[0]
-        X_WD = RigidTransform(RotationMatrix.MakeZRotation(turned), [slid, 0.0, 0.0])
-        poses.append((time, X_WD @ start))
+        X_WD = RigidTransform(RotationMatrix.MakeZRotation(turned), [x + slid, 0.0, 0.0])
+        poses.append((time, X_WD @ on_table))
     return poses
 
 
@@ -84,6 +83,7 @@ def initial_pose(motion: MotionConfig, shape: Shape) -> RigidTransform:
         position, rotation = motion.read().at(0.0)
         return RigidTransform(RotationMatrix(rotation.as_matrix()), position)
     X_WO = RigidTransform(resting_position(shape))
-    if isinstance(motion, Conveyor):  # Its centre of mass stays above the origin of W.
-        return RigidTransform(RotationMatrix.MakeZRotation(motion.yaw), np.zeros(3)) @ X_WO
+    if isinstance(motion, Conveyor):
+        place = np.array([*motion.position, 0.0])
+        return RigidTransform(RotationMatrix.MakeZRotation(motion.yaw), place) @ X_WO
     return X_WO

@@ -122,10 +122,11 @@ def add_moving_object(
         plant, scene_graph = AddMultibodyPlant(plant_config, builder)
     else:
         plant, scene_graph = _modelled_plant(builder, plant_config)
-    slides, mesh = isinstance(motion, Toss), shape.mesh
+    slides, mesh, begin = isinstance(motion, Toss), shape.mesh, 0.0
     body = add_object(plant, shape, mass, friction=friction, slides=slides)
     if isinstance(motion, Conveyor):
         driven, profile = add_model(plant, "conveyor_table.sdf"), motion.velocities()
+        begin = motion.position[0]
     elif isinstance(motion, Push):
         driven = _add_pusher(plant, motion)
         profile = push_profile(motion, RETREAT if add_more else 0.0)
@@ -139,6 +140,8 @@ def add_moving_object(
     if separate_more is not None:
         separate_more(plant, scene_graph)
     plant.SetDefaultFloatingBaseBodyPose(body, initial_pose(motion, shape))
+    if begin:
+        plant.GetJointByName("slide", driven).set_default_translation(begin)
     forces = [builder.AddNamedSystem("object_shake", ObjectShake(body))] if shakes else []
     dynamics = plant
     if engine == MUJOCO:
@@ -152,7 +155,9 @@ def add_moving_object(
         forces.append(builder.AddNamedSystem("tossed_body", tossed))
         connect(builder, plant, "body_poses body_spatial_velocities", tossed)
     elif not isinstance(motion, Toss):
-        command = builder.AddNamedSystem("object_motion", ObjectMotion(VelocityProfile(profile)))
+        command = builder.AddNamedSystem(
+            "object_motion", ObjectMotion(VelocityProfile(profile), begin)
+        )
         builder.Connect(command.get_output_port(), dynamics.get_desired_state_input_port(driven))
     for index, (instance, speed) in enumerate(moving):
         drive = ObjectMotion(VelocityProfile([[0.0, speed]]))
@@ -303,7 +308,7 @@ class ObjectPlant(Diagram):
 
     Port `X_WO` emits a `RigidTransform`: the true pose of the object O in the world W. The top of a
     table is the plane z = 0 of W. An object on a table starts at rest with its centre of mass over
-    the origin of W, and with the axes of W, unless a conveyor's `yaw` turns it.
+    the origin of W, and with the axes of W, unless a conveyor's `position` and `yaw` say otherwise.
 
     Port `query_object` emits SceneGraph's `QueryObject`, for visualizers.
 

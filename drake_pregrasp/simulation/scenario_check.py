@@ -243,12 +243,19 @@ def _capability_problems(scenario: Scenario, n: int) -> Problems:
             yield "capability", f"leaves no finger above 0 at {time:g} s; one must stay"
 
 
+LARGEST_SIDEWAYS = 0.1
+"""Largest distance of an object's start from the axis of the turntable, in metres."""
+
+
 def _motion_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     motion = scenario.motion
     if isinstance(motion, Conveyor | Push):
         yield from _rest_problems(scenario.object, surface.mesh)
     if isinstance(motion, Conveyor):
         yield from _profile_problems(motion.profile)
+        if abs(y := motion.position[1]) > LARGEST_SIDEWAYS:
+            sideways = f"from {-LARGEST_SIDEWAYS} to {LARGEST_SIDEWAYS}"
+            yield "motion.position[1]", f"{y} must be {sideways}, on the turntable"
     elif isinstance(motion, Toss):
         R_WO = Rotation.from_euler("xyz", motion.rpy)
         below = -float(np.min(R_WO.apply(surface.mesh.vertices - surface.p_OCoM)[:, 2]))

@@ -92,16 +92,19 @@ class ObjectMotion(Diagram):
         output_ports:
         - desired_state
 
-    Port `desired_state` emits a vector of 2k: the k positions, which are 0 at time 0, in metres or
-    radians, then their k rates, in m/s or rad/s.
+    Port `desired_state` emits a vector of 2k: the k positions, in metres or radians, then their k
+    rates, in m/s or rad/s.
 
     Args:
         profile: Rates over time.
+        start: Position of the first joint at time 0, in metres; the others start at 0.
     """
 
-    def __init__(self, profile: VelocityProfile) -> None:
+    def __init__(self, profile: VelocityProfile, start: float = 0.0) -> None:
         super().__init__()
-        pieces = [[[Polynomial(c)] for c in piece] for piece in profile.coefficients]
+        coefficients = profile.coefficients.copy()
+        coefficients[:, 0, 0] += start
+        pieces = [[[Polynomial(c)] for c in piece] for piece in coefficients]
         positions = PiecewisePolynomial(pieces, [*profile.times, _FOREVER])
         builder = DiagramBuilder()
         # A plant asks for its desired state in each time step, for which Python would be slow.

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import ObjectPlant, load_scenario, shipped_scenarios
 from drake_pregrasp.config.object_config import Box, Conveyor, Mesh, PoseStream, Push, Toss
-from drake_pregrasp.diagrams.expected_path import expected_path
+from drake_pregrasp.diagrams.expected_path import expected_path, expected_poses
 from drake_pregrasp.estimation.recorded_poses import read_recorded_poses
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.resources import resource_folder
@@ -43,6 +43,18 @@ def test_a_conveyor_carries_an_object_that_starts_turned_about_its_centre_of_mas
     p_WCoM = X_WO @ mug.make_shape().p_OCoM
     assert yaw(X_WO) == pytest.approx(start + 0.1, abs=0.004)
     np.testing.assert_allclose(p_WCoM[:2], [0.01, 0.0], atol=5e-4)
+
+
+@pytest.mark.parametrize("y", [0.0, 0.08])
+def test_a_conveyor_brings_an_object_from_its_start_place(y):
+    motion = Conveyor(position=[-0.7, y], profile=[[0.0, 0.0, 0.0], [0.5, 0.3, 0.5]])
+    shape, times = BOX.make_shape(), [0.2, 0.5]
+    expected = dict(expected_poses(motion, 0.995, shape))
+    for time, X_WO in zip(times, poses(motion, times, 0.0025), strict=True):
+        X_expected = expected[min(expected, key=lambda t: abs(t - time))]
+        np.testing.assert_allclose(X_WO.translation(), X_expected.translation(), atol=2e-3)
+        assert yaw(X_WO) == pytest.approx(yaw(X_expected), abs=4e-3)
+    np.testing.assert_allclose(expected_path(motion, 1.0, shape)[0], [-0.7, y, 0.07], atol=1e-5)
 
 
 def yaw(X_WO):
