@@ -1,5 +1,6 @@
 """Dynamic pre-grasp planning for hands that track a moving object, made of Drake systems."""
 
+from drake_pregrasp.config.camera_config import CameraConfig, DepthSensorConfig
 from drake_pregrasp.config.grasp_config import GraspConfig, hand_limits
 from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.config.limits_config import BallReach, BoxReach, LimitsConfig, SectorReach
@@ -13,6 +14,7 @@ from drake_pregrasp.config.planner_config import (
 from drake_pregrasp.contacts.assignment import ring_contacts
 from drake_pregrasp.contacts.contact_pairs import Pair
 from drake_pregrasp.contacts.selection_input import ContactStatus, SelectionInput, WeightFunction
+from drake_pregrasp.diagrams.depth_sensor import DepthSensor
 from drake_pregrasp.diagrams.grasping_hand import AddHandController, GraspingHand, choose_approach
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
@@ -61,6 +63,7 @@ from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor, Gr
 from drake_pregrasp.systems.grasp_sequencer import GraspSequencer
 from drake_pregrasp.systems.hand_goal_shaper import HandGoalShaper
 from drake_pregrasp.systems.hand_kinematics import HandKinematics
+from drake_pregrasp.systems.object_points import ObjectPoints
 from drake_pregrasp.systems.pose_estimator import PoseEstimator
 from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
 from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
@@ -80,11 +83,14 @@ __all__ = [
     "Box",
     "BoxReach",
     "BoxSolid",
+    "CameraConfig",
     "CentroidSelector",
     "ContactStatus",
     "Conveyor",
     "CoordinateConfig",
     "Cylinder",
+    "DepthSensor",
+    "DepthSensorConfig",
     "DifferentialKinematics",
     "EstimatorConfig",
     "FingertipSensor",
@@ -112,6 +118,7 @@ __all__ = [
     "NoiseSource",
     "NoisyPoseSensor",
     "ObjectPlant",
+    "ObjectPoints",
     "ObjectSurface",
     "Obstacles",
     "OutputError",

@@ -4,6 +4,7 @@ import numpy as np
 from five_finger_hand import RAYS, bus, points_of
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
+from pydrake.perception import PointCloud
 from pydrake.systems.framework import BusValue
 
 from drake_pregrasp import BallSolid, HalfSpace, Obstacles
@@ -27,6 +28,13 @@ def broken_values(sound):
     """Yields broken values of the kind of a port's sound value."""
     if isinstance(sound, RigidTransform):
         yield from NO_POSES
+        return
+    if isinstance(sound, PointCloud):
+        for number in BAD_NUMBERS:
+            broken = PointCloud(sound)
+            broken.mutable_xyzs()[:, ::3] = np.clip(number, -1e38, 1e38)  # In single precision.
+            yield broken
+        yield PointCloud(0)
         return
     for number in BAD_NUMBERS:
         if isinstance(sound, SpatialVelocity):

@@ -4,6 +4,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
+from pydrake.perception import PointCloud
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BusValue
 
@@ -12,6 +13,8 @@ from drake_pregrasp.arrays import pack
 from drake_pregrasp.grasping.hand_commands import GraspCommand
 from drake_pregrasp.grasping.hand_goals import HandGoals
 from drake_pregrasp.regions.safe_regions import SafeRegions
+
+_ABSTRACT = BusValue | Obstacles | PointCloud | SafeRegions | GraspCommand | HandGoals
 
 
 class Driven:
@@ -27,7 +30,7 @@ class Driven:
 
     def fix(self, **inputs):
         for port, value in inputs.items():
-            if isinstance(value, BusValue | Obstacles | SafeRegions | GraspCommand | HandGoals):
+            if isinstance(value, _ABSTRACT):
                 value = AbstractValue.Make(value)
             self.system.GetInputPort(port).FixValue(self.context, value)
 

@@ -64,7 +64,7 @@ def test_a_planning_tick_of_the_base_case_is_small(monkeypatch: pytest.MonkeyPat
         monitor.GetOutputPort("grasp_quality").Eval(monitor.GetMyContextFromRoot(context))
 
     tick(first)
-    check(calls_of(lambda: tick(first + 1)), files=21, functions=82, count=165)
+    check(calls_of(lambda: tick(first + 1)), files=21, functions=85, count=168)
 
 
 @pytest.mark.slow

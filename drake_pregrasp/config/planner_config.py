@@ -95,6 +95,13 @@ class EstimatorConfig:
     # is refused.
     late_measurements: int = field(default=20, metadata={"at_least": 1, "at_most": MOST_LATE})
 
+    # For points of the surface: standard deviation of a point's distance from it, in metres. The
+    # standard deviations of a pose above then are errors that all points of a picture share.
+    point_std: float = field(default=0.002, metadata=_STD | POSITION_NOISE)
+
+    # Least number of points that must fit, so that they measure the pose.
+    fewest_points: int = field(default=20, metadata={"at_least": 1, "at_most": 20_000})
+
     # Seconds by which a measurement is overdue when the status becomes coasting: goals then follow
     # the prediction.
     coast_after: float = field(default=0.1, metadata=_TIME)

@@ -98,11 +98,12 @@ def add_grasping_hand(
     weights: System,
     obstacles: System,
     goals: GoalSource | None = None,
+    seen_solid: MeshSolid | None = None,
 ) -> GraspingHand:
     """Adds a planner and a controller for a hand, and connects them to each other.
 
-    The planner's input `X_WO_measured` must then be connected, the controller's inputs `close`,
-    `hand_state` and `net_actuation`, and its output `desired_state`.
+    The planner's input `X_WO_measured` or `point_cloud` must then be connected, the controller's
+    inputs `close`, `hand_state` and `net_actuation`, and its output `desired_state`.
 
     Args:
         builder: Builder of the diagram.
@@ -119,6 +120,7 @@ def add_grasping_hand(
         weights: System that emits `contact_weights`.
         obstacles: System that emits the `obstacles` of contacts, `fixed` among them.
         goals: Source of the hand's goals; by default the planner.
+        seen_solid: The object in O, for the planner's `point_cloud`; None without.
     """
     controller = builder.AddNamedSystem(
         "hand_controller",
@@ -143,6 +145,7 @@ def add_grasping_hand(
         p_OC,
         fingertip_frames=hand.kinematics.tip_frames,
         finger_measures=hand.finger_measures(surface) if planner.needs_finger_measures else None,
+        object_solid=seen_solid,
     )
     connect(builder, weights, "contact_weights", planning)
     connect(builder, obstacles, "obstacles", planning)

@@ -54,8 +54,9 @@ class HandModel:
         model: Its model, as Drake's parser gets it.
         X_LA: Approach of the palm.
         X_WB: Pose of the model's world B in W.
-        instances: The hand in the plant of `kinematics`.
-        kinematics: Kinematics of the fingertips.
+        diagram: Plant with only the hand, and its SceneGraph.
+        instances: The hand in this plant.
+        kinematics: Kinematics of the fingertips in this plant.
         base: Carrier or arm of the palm.
         fingers_home: Home positions of the fingers, and zeros for the base, shape (nq,).
         tip_radii: Radii of the fingertips, shape (n,), in metres.
@@ -82,9 +83,7 @@ class HandModel:
             X_WB = RigidTransform(X_LA.rotation(), np.zeros(3)) if is_turned else RigidTransform()
         self.X_WB = X_WB
         self._finger_measures: dict[float, FingerMeasures] = {}
-        self._diagram, self.instances = self._parse(
-            warns=model is None
-        )  # The diagram keeps the plant alive.
+        self.diagram, self.instances = self._parse(warns=model is None)
         self.base = make_base(description.base, self.instances, X_LA, X_WB.translation())
         self.kinematics = self._kinematics(self.instances, REFERENCE.hand())
         self.tip_radii: FloatArray = np.array([tip.radius for tip in description.fingertips])
@@ -302,7 +301,7 @@ class HandModel:
     @cached_property
     def _finger_balls(self) -> tuple[FloatArray, FloatArray]:
         """Balls inside the links of fingers at home: centres in A at yaw 0, and radii."""
-        plant, inspector = self.kinematics.plant, self._diagram.scene_graph().model_inspector()
+        plant, inspector = self.kinematics.plant, self.diagram.scene_graph().model_inspector()
         X_WB = self.kinematics.pose(self.base.placed(self.fingers_home)).X_WB
         links = hand_links(plant, self.kinematics.frames, self.tip_radii, inspector)
         X_AW, found = self.base.X_AW, []

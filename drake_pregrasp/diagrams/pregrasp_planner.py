@@ -10,6 +10,7 @@ from drake_pregrasp.contacts.selection_input import WeightFunction
 from drake_pregrasp.diagrams.wiring import connect, export_inputs, export_outputs
 from drake_pregrasp.fast import default_kernels
 from drake_pregrasp.fast.kernels import Kernels
+from drake_pregrasp.geometry.mesh_solid import MeshSolid
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.finger_measures import FingerMeasures
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
@@ -31,6 +32,7 @@ class PregraspPlanner(Diagram):
         - X_WH
         - hold_contacts
         - V_WO_held
+        - point_cloud
         - finger_coordinates
         - candidate_coordinates
         - X_WU
@@ -50,13 +52,12 @@ class PregraspPlanner(Diagram):
         - innovation_squared
 
     The ports are those of the systems inside, which document them: `X_WO_measured`,
-    `measurement_time` and `V_WO_held` (both optional), `X_WO_estimated`, `V_WO_estimated`,
-    `p_WO_covariance`, `tracking_status`, `time_since_measurement`, `measurement_verdict` and
-    `innovation_squared` of `PoseEstimator`; `contact_weights`, `obstacles`, `X_WH`,
-    `finger_coordinates`, `candidate_coordinates`, `X_WU` (all optional) and `safe_regions` of
-    `SafeRegionPartitioner`; `hold_contacts` (optional), `p_WC`,
-    `contact_status`, `contact_causes`, `fingertip_targets` and `p_WC_previous` of
-    `CentroidSelector`.
+    `measurement_time`, `V_WO_held` and `point_cloud` (all optional), `X_WO_estimated`,
+    `V_WO_estimated`, `p_WO_covariance`, `tracking_status`, `time_since_measurement`,
+    `measurement_verdict` and `innovation_squared` of `PoseEstimator`; `contact_weights`,
+    `obstacles`, `X_WH`, `finger_coordinates`, `candidate_coordinates`, `X_WU` (all optional) and
+    `safe_regions` of `SafeRegionPartitioner`; `hold_contacts` (optional), `p_WC`, `contact_status`,
+    `contact_causes`, `fingertip_targets` and `p_WC_previous` of `CentroidSelector`.
 
     At a tick, all outputs are the same before and after the discrete update, except `safe_regions`
     and `p_WC_previous`, which change when the update stores the tick's new goals. If the poses at
@@ -70,6 +71,7 @@ class PregraspPlanner(Diagram):
         fingertip_frames: Names for `fingertip_targets`; see `CentroidSelector`.
         weight_function: A strategy of your own; see `CentroidSelector`.
         finger_measures: Measures of a hand's fingers; see `SafeRegionPartitioner`.
+        object_solid: The object in O, for `point_cloud`; None without.
         kernels: Implementation of what takes most of a tick; that of `default_kernels` by default.
 
     Attributes:
@@ -87,6 +89,7 @@ class PregraspPlanner(Diagram):
         fingertip_frames: Sequence[str] | None = None,
         weight_function: WeightFunction | None = None,
         finger_measures: FingerMeasures | None = None,
+        object_solid: MeshSolid | None = None,
         kernels: Kernels | None = None,
     ) -> None:
         super().__init__()
@@ -94,7 +97,13 @@ class PregraspPlanner(Diagram):
         builder, p_OCoM = DiagramBuilder(), surface.p_OCoM
         estimator = builder.AddNamedSystem(
             "pose_estimator",
-            PoseEstimator(config.estimator, period=config.period, p_OCoM=p_OCoM, kernels=kernels),
+            PoseEstimator(
+                config.estimator,
+                period=config.period,
+                p_OCoM=p_OCoM,
+                object_solid=object_solid,
+                kernels=kernels,
+            ),
         )
         partitioner = builder.AddNamedSystem(
             "safe_region_partitioner",
@@ -124,7 +133,7 @@ class PregraspPlanner(Diagram):
         export_inputs(builder, "X_WO_measured measurement_time", estimator)
         export_inputs(builder, "contact_weights obstacles X_WH", partitioner)
         export_inputs(builder, "hold_contacts", selector)
-        export_inputs(builder, "V_WO_held", estimator)
+        export_inputs(builder, "V_WO_held point_cloud", estimator)
         export_inputs(builder, "finger_coordinates candidate_coordinates X_WU", partitioner)
         export_outputs(builder, selector, "p_WC contact_status fingertip_targets")
         export_outputs(builder, estimator, "X_WO_estimated V_WO_estimated p_WO_covariance")
@@ -144,11 +153,12 @@ def AddPregraspPlanner(
     fingertip_frames: Sequence[str] | None = None,
     weight_function: WeightFunction | None = None,
     finger_measures: FingerMeasures | None = None,
+    object_solid: MeshSolid | None = None,
     name: str = "pregrasp_planner",
 ) -> PregraspPlanner:
     """Adds a `PregraspPlanner` to a diagram, and returns it.
 
-    Its input `X_WO_measured` must then be connected; the other inputs are optional.
+    Its input `X_WO_measured` or `point_cloud` must then be connected; the others are optional.
 
     Args:
         builder: Builder of the diagram.
@@ -159,6 +169,7 @@ def AddPregraspPlanner(
         weight_function: A strategy of your own, in place of `config.strategy`; see
             `CentroidSelector`.
         finger_measures: Measures of a hand's fingers; see `SafeRegionPartitioner`.
+        object_solid: The object in O, for `point_cloud`; None without.
         name: Name of the system.
     """
     planner = PregraspPlanner(
@@ -168,6 +179,7 @@ def AddPregraspPlanner(
         fingertip_frames=fingertip_frames,
         weight_function=weight_function,
         finger_measures=finger_measures,
+        object_solid=object_solid,
     )
     builder.AddNamedSystem(name, planner)
     return planner

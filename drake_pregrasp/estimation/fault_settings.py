@@ -24,6 +24,7 @@ class FaultChannel(IntEnum):
     JITTER = 4
     FREEZING = 5
     NAN = 6
+    DEPTH = 7
 
 
 def fault_generator(seed: int, tick: int, channel: FaultChannel) -> np.random.Generator:

@@ -136,6 +136,11 @@ class PoseTrack:
         """Belief after the newest measurement that was used, which ends the last step."""
         return unpack_belief(self.steps[-1, MEASUREMENT_SIZE:])
 
+    def before(self, time: float) -> PoseBelief:
+        """Returns the newest belief from before a time, in seconds, or else the oldest one."""
+        index = max(int(np.count_nonzero(self.steps[:, 0] < time)) - 1, 0)
+        return unpack_belief(self.steps[index, MEASUREMENT_SIZE:])
+
     @property
     def none(self) -> FloatArray:
         """Placeholder for a missing alternative hypothesis, with the time -inf."""

@@ -41,6 +41,7 @@ from drake_pregrasp.errors import (
     errors_at,
     raise_first,
 )
+from drake_pregrasp.geometry.mesh_solid import MeshSolid
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.geometry.surface import ObjectSurface
@@ -90,6 +91,14 @@ class ResolvedScenario:
         """Obstacles that are bodies; none if the motion is recorded, because it has no plant."""
         simulated = not isinstance(self.scenario.motion, PoseStream)
         return [moving_solid(o) for o in self.scenario.obstacles if o.body and simulated]
+
+    @property
+    def seen_solid(self) -> MeshSolid | None:
+        """The object in O for an estimate from the points of cameras; None without cameras."""
+        if not self.scenario.depth_sensor.cameras:
+            return None
+        solid = self.shape.solid
+        return solid if isinstance(solid, MeshSolid) else MeshSolid.of(self.shape.mesh)
 
     @property
     def no_touch_volumes(self) -> list[MovingSolid]:

@@ -6,6 +6,7 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 
 from drake_pregrasp.config import object_config
+from drake_pregrasp.config.camera_config import DepthSensorConfig
 from drake_pregrasp.config.finger_config import CapabilityProfile, DamageEvent
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.planner_config import MeasuresConfig, PlannerConfig
@@ -75,6 +76,10 @@ class Scenario:
     object: object_config.ObjectConfig = field(default_factory=object_config.Box)
     motion: object_config.MotionConfig = field(default_factory=object_config.Conveyor)
     sensor: SensorConfig = field(default_factory=SensorConfig)
+
+    # Depth cameras in the scene, which take the place of the pose sensor.
+    depth_sensor: DepthSensorConfig = field(default_factory=DepthSensorConfig)
+
     surface: SurfaceConfig = field(default_factory=SurfaceConfig)
     planner: PlannerConfig = field(default_factory=PlannerConfig)
     measures: MeasuresConfig = field(default_factory=MeasuresConfig)

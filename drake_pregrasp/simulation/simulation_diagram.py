@@ -8,6 +8,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
+from drake_pregrasp.diagrams.depth_sensor import DepthSensor
 from drake_pregrasp.diagrams.grasping_hand import GoalSource, GraspingHand, add_grasping_hand
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
@@ -24,6 +25,7 @@ from drake_pregrasp.simulation.scenario_file import resolve
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor
 from drake_pregrasp.systems.loggers import GraspLogger, GraspRecord, TickLogger, TickRecord
 from drake_pregrasp.systems.obstacle_visualizer import ObstacleVisualizer
+from drake_pregrasp.systems.point_visualizer import PointVisualizer
 from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
 from drake_pregrasp.systems.sources import CloseCommand, ContactWeights, HandPose, MovingObstacles
 
@@ -71,7 +73,7 @@ def make_diagram(
         planner, close_at = hand.planner, resolved.scenario.grasp.close_at
         command = builder.AddNamedSystem("close_command", CloseCommand(close_at))
         connect(builder, command, "close", hand.controller)
-    _add_sensor(builder, resolved, plant, planner)
+    sensor = _add_sensor(builder, resolved, plant, planner)
     if resolved.scenario.capability:
         connect(builder, planner, "p_WC_previous:p_WC", weights)
     # The first logger to ask a system computes its outputs: this one measures how long that takes.
@@ -80,6 +82,11 @@ def make_diagram(
         _add_grasp_logger(builder, resolved, plant, hand, grasp_sink)
     if meshcat is not None:
         _add_obstacle_drawings(builder, resolved, meshcat)
+        if isinstance(sensor, DepthSensor):
+            period = resolved.scenario.recording.publish_period
+            points = PointVisualizer(meshcat=meshcat, publish_period=period)
+            builder.AddNamedSystem("point_visualizer", points)
+            connect(builder, sensor, "point_cloud", points)
         add_visualizers(
             builder,
             meshcat,
@@ -142,7 +149,13 @@ def _add_planner(
 ) -> PregraspPlanner:
     """Adds a planner for contacts without a simulated hand."""
     scenario, config = resolved.scenario, resolved.planner
-    planner = AddPregraspPlanner(builder, config, resolved.surface, resolved.start.p_OC)
+    planner = AddPregraspPlanner(
+        builder,
+        config,
+        resolved.surface,
+        resolved.start.p_OC,
+        object_solid=resolved.seen_solid,
+    )
     connect(builder, weights, "contact_weights", planner)
     if scenario.obstacles:
         solids = [moving_solid(o) for o in scenario.obstacles]
@@ -192,6 +205,7 @@ def add_hand(
         weights=weights,
         obstacles=obstacles,
         goals=goals,
+        seen_solid=resolved.seen_solid,
     )
     if solids:
         moving = builder.AddNamedSystem("hand_obstacles", MovingObstacles(solids))
@@ -248,8 +262,18 @@ def _add_sensor(
     resolved: ResolvedScenario,
     plant: ObjectPlant | HandStation,
     planner: PregraspPlanner,
-) -> None:
+) -> NoisyPoseSensor | DepthSensor:
+    """Adds the sensor of a scenario and connects it to the planner."""
     period, seed = resolved.planner.period, resolved.scenario.random_seed
+    if (depth := resolved.scenario.depth_sensor).cameras:
+        hand = resolved.hand and resolved.hand.diagram
+        cameras = DepthSensor(depth, plant.scene_graph, hand=hand, seed=seed)
+        builder.AddNamedSystem("depth_sensor", cameras)
+        connect(builder, plant, "query_object", cameras)
+        if hand is not None:
+            connect(builder, plant, "hand_state", cameras)
+        connect(builder, cameras, "point_cloud measurement_time", planner)
+        return cameras
     noise = NoiseSource(size=NoisyPoseSensor.NOISE_SIZE, period=period, seed=seed)
     sensor = NoisyPoseSensor(resolved.scenario.sensor, period=period, seed=seed)
     builder.AddNamedSystem("noise", noise)
@@ -257,6 +281,7 @@ def _add_sensor(
     builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))
     connect(builder, plant, "X_WO", sensor)
     connect(builder, sensor, "X_WO_measured measurement_time", planner)
+    return sensor
 
 
 def _add_logger(

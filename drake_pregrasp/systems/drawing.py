@@ -4,6 +4,7 @@ import numpy as np
 from pydrake.geometry import Box, Rgba, Shape, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace, Solid
 from drake_pregrasp.regions.safe_regions import NO_REGION
 
@@ -38,6 +39,20 @@ def drawn_solid(solid: Solid) -> tuple[Shape, RigidTransform]:
     R_FP = RotationMatrix.MakeFromOneVector(solid.normal, axis_index=2)
     X_FP = RigidTransform(R_FP, solid.point - _DEPTH * solid.normal)
     return Box(_PLATE, _PLATE, _THICKNESS), X_FP
+
+
+def camera_pose(p_FT: FloatArray, p_TK_F: FloatArray) -> RigidTransform:
+    """Returns the pose X_FK of an upright camera K (z forward, y down) that looks at a target T.
+
+    Args:
+        p_FT: Position of T in a frame F whose z axis points up, shape (3,), in metres.
+        p_TK_F: Position of K relative to T, in F, shape (3,), in metres; not along z.
+    """
+    z = -p_TK_F / np.linalg.norm(p_TK_F)
+    x = np.cross(z, [0.0, 0.0, 1.0])
+    x /= np.linalg.norm(x)
+    R_FK = RotationMatrix(np.column_stack([x, np.cross(z, x), z]))
+    return RigidTransform(R_FK, p_FT + p_TK_F)
 
 
 def contact_color(contact: int) -> Rgba:

@@ -7,6 +7,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
+from pydrake.perception import PointCloud
 from pydrake.systems.framework import (
     BasicVector,
     BusValue,
@@ -22,7 +23,13 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from drake_pregrasp.arrays import FARTHEST, FloatArray, is_valid_pose, validated_rates
+from drake_pregrasp.arrays import (
+    FARTHEST,
+    FloatArray,
+    are_valid_points,
+    is_valid_pose,
+    validated_rates,
+)
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.pose_track import FOLLOWED
 from drake_pregrasp.geometry.solids import Solid
@@ -37,6 +44,9 @@ VELOCITY = AbstractValue.Make(SpatialVelocity())
 
 BUS = AbstractValue.Make(BusValue())
 """Model value of a port with a `BusValue`."""
+
+CLOUD = AbstractValue.Make(PointCloud(0))
+"""Model value of a port with a `PointCloud`."""
 
 NO_OBSTACLES = Obstacles()
 
@@ -252,6 +262,12 @@ def validated_poses(bus: BusValue, names: Sequence[str], port: str) -> list[Rigi
 def validated_velocity(V: SpatialVelocity) -> FloatArray:
     """Returns angular and linear velocity, shape (2, 3); zeros if not finite or too large."""
     return validated_rates(V.get_coeffs()).reshape(2, 3)
+
+
+def points_in(cloud: PointCloud) -> FloatArray:
+    """Returns the points of a cloud that are finite and within `FARTHEST`, shape (N, 3)."""
+    points: FloatArray = np.asarray(cloud.xyzs().T, dtype=float)
+    return points[are_valid_points(points)]
 
 
 def is_valid(X: RigidTransform) -> bool:

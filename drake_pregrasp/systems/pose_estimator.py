@@ -22,14 +22,30 @@ from drake_pregrasp.arrays import (
 from drake_pregrasp.config.planner_config import EstimatorConfig, tracker_settings
 from drake_pregrasp.config.validation import checked
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.estimation.pose_belief import PoseBelief, PoseMeasurement, boosted, no_belief
+from drake_pregrasp.estimation.pose_belief import (
+    NO_MEASUREMENT,
+    PoseBelief,
+    PoseMeasurement,
+    boosted,
+    no_belief,
+)
 from drake_pregrasp.estimation.pose_filter import origin_covariance, predict, predicted_mean
-from drake_pregrasp.estimation.pose_track import PoseTrack, TrackingStatus
+from drake_pregrasp.estimation.pose_track import FOLLOWED, PoseTrack, TrackingStatus
 from drake_pregrasp.estimation.pose_tracker import OLDEST, update_track
+from drake_pregrasp.estimation.registration import register_pose
+from drake_pregrasp.estimation.surface_alignment import SurfacePoints, align_pose, measured_part
 from drake_pregrasp.fast import default_kernels
 from drake_pregrasp.fast.kernels import Kernels
+from drake_pregrasp.geometry.mesh_solid import MeshSolid
 from drake_pregrasp.geometry.rotations import skew
-from drake_pregrasp.systems.ports import POSE, VELOCITY, declare_cache, declare_output
+from drake_pregrasp.systems.ports import (
+    CLOUD,
+    POSE,
+    VELOCITY,
+    declare_cache,
+    declare_output,
+    points_in,
+)
 
 WAITING_STD = 1.0
 """Standard deviation of the position before the first measurement, in metres."""
@@ -65,6 +81,7 @@ class PoseEstimator(LeafSystem):
         - X_WO_measured
         - measurement_time
         - V_WO_held
+        - point_cloud
         output_ports:
         - X_WO_estimated
         - V_WO_estimated
@@ -75,19 +92,25 @@ class PoseEstimator(LeafSystem):
         - innovation_squared
 
     Port `X_WO_measured` accepts a `RigidTransform`, which is sampled once each period. A pose that
-    is not finite, has an invalid rotation, or is beyond `FARTHEST` is refused.
+    is not finite, has an invalid rotation, or is beyond `FARTHEST` is refused. It need not be
+    connected if `point_cloud` is.
 
     Port `measurement_time` (optional) accepts a vector of 1: the time at which the pose at
-    `X_WO_measured` was measured, in seconds; -inf before the first measurement. A time that was
-    received before means that there is no new measurement. A measurement that is older than the
-    newest one corrects the estimate for its own time and for all later times, if at most
-    `late_measurements` used ones are newer; otherwise it is refused. If the port is unconnected,
-    every sample is new and was measured at its tick.
+    `X_WO_measured`, or the points at `point_cloud`, were measured, in seconds; -inf before the
+    first measurement. A time that was received before means that there is no new measurement. A
+    measurement that is older than the newest one corrects the estimate for its own time and for all
+    later times, if at most `late_measurements` used ones are newer; otherwise it is refused. If the
+    port is unconnected, every sample is new and was measured at its tick.
 
     Port `V_WO_held` (optional) accepts a `SpatialVelocity`: that with which a hand moves O in W;
     not finite while no hand holds the object. A change of this velocity changes the estimated one
     by as much; measurements still correct it. Out-of-sequence measurements from before a change are
     refused.
+
+    Port `point_cloud` (optional) accepts a `PointCloud` in W, in place of measured poses: points on
+    the surface of the object. The pose predicted for their time is aligned to them (`align_pose`);
+    a direction that they do not observe keeps its uncertainty. Points of other bodies hardly count.
+    Without a pose to start from, at first and after a loss, they are registered (`register_pose`).
 
     Port `X_WO_estimated` emits a `RigidTransform`: the estimated pose.
 
@@ -125,6 +148,7 @@ class PoseEstimator(LeafSystem):
         config: Assumptions of the filter; `EstimatorConfig()` by default.
         period: Seconds between measurements, greater than zero.
         p_OCoM: The object's centre of mass in O, shape (3,), in metres; zero by default.
+        object_solid: The object in O, for `point_cloud`; None without.
         kernels: Implementation of the filter's steps; that of `default_kernels` by default.
 
     Raises:
@@ -137,6 +161,7 @@ class PoseEstimator(LeafSystem):
         *,
         period: float,
         p_OCoM: FloatArray | None = None,
+        object_solid: MeshSolid | None = None,
         kernels: Kernels | None = None,
     ) -> None:
         super().__init__()
@@ -155,7 +180,9 @@ class PoseEstimator(LeafSystem):
         settings = tracker_settings(config, place if np.any(place) else None)
         kernels = kernels or default_kernels()
         self._settings = replace(settings, step=kernels.filter_step)
-        self._merged, self._noise = kernels.merged, settings.noise
+        self._merged, self._noise, self._solid = kernels.merged, settings.noise, object_solid
+        self._align = kernels.align_pose() if object_solid is not None else align_pose
+        self._std = np.sqrt(np.repeat(settings.noise.variances, 3))
         # The track also holds the belief before the measurements that may be newer.
         models = len(self._noise.densities)
         self._no_track = PoseTrack.empty(config.late_measurements + 1, models)
@@ -166,6 +193,7 @@ class PoseEstimator(LeafSystem):
         self._X_WO_measured = self.DeclareAbstractInputPort("X_WO_measured", POSE)
         self._measurement_time = self.DeclareVectorInputPort("measurement_time", 1)
         self._V_WO_held = self.DeclareAbstractInputPort("V_WO_held", VELOCITY)
+        self._point_cloud = self.DeclareAbstractInputPort("point_cloud", CLOUD)
         self._declare_results()
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store_track)
 
@@ -204,20 +232,54 @@ class PoseEstimator(LeafSystem):
         track: PoseTrack = self._stored.Eval(context)
         if tick_index(time, self._period) == tick_index(stored_time, self._period):
             return track, self._mixture.Eval(context)
-        X_WO: RigidTransform = self._X_WO_measured.Eval(context)
-        measured_at = time
-        if self._measurement_time.HasValue(context):
-            measured_at = float(self._measurement_time.Eval(context)[0])
-        measurement = PoseMeasurement(
-            measured_at, X_WO.translation().copy(), X_WO.rotation().matrix()
-        )
         if stored_time > time:  # The clock was set back.
             track = self._no_track
         if self._V_WO_held.HasValue(context):
             V_held = self._twist(context, self._merged(track.newest))
             track = track.with_twist(V_held, time - self._period / 2)
-        track = update_track(track, measurement, time, self._settings)
+        track = update_track(track, self._measured(context, track), time, self._settings)
         return track, self._merged(track.newest)
+
+    def _measured(self, context: Context, track: PoseTrack) -> PoseMeasurement:
+        """Returns what the input ports measure at a tick."""
+        measured_at = context.get_time()
+        if self._measurement_time.HasValue(context):
+            measured_at = float(self._measurement_time.Eval(context)[0])
+        if self._point_cloud.HasValue(context):
+            return self._seen(context, track, measured_at)
+        X_WO: RigidTransform = self._X_WO_measured.Eval(context)
+        return PoseMeasurement(measured_at, X_WO.translation().copy(), X_WO.rotation().matrix())
+
+    def _seen(self, context: Context, track: PoseTrack, measured_at: float) -> PoseMeasurement:
+        """Returns the part of a pose that points of the surface measure."""
+        config, solid, now = self._config, self._solid, context.get_time()
+        if not now - OLDEST <= measured_at <= now + self._period:  # The tracker refuses it.
+            return replace(NO_MEASUREMENT, time=measured_at)
+        if measured_at == track.last_seen[0]:
+            return NO_MEASUREMENT
+        if solid is None:
+            raise InvalidArgumentError("port point_cloud needs the argument object_solid")
+        p_WQ = points_in(self._point_cloud.Eval(context))
+        if len(p_WQ) < config.fewest_points:
+            return NO_MEASUREMENT
+        status, grid, std = self._status(track, now), solid.surface, self._std
+        if status in FOLLOWED:
+            belief = self._merged(track.before(measured_at))
+            dt = max(0.0, measured_at - belief.time)
+            R_WO, p_WCoM, _ = predicted_mean(belief, dt, self._noise.gravity)
+            points = SurfacePoints.seen(p_WQ, config.point_std)
+            found = self._align(grid, points, R_WO, p_WCoM - R_WO @ self._p_OCoM, std)
+        else:
+            found = register_pose(
+                grid, solid.corners, p_WQ, std, point_std=config.point_std, align=self._align
+            )
+        if found.fits < config.fewest_points:
+            return NO_MEASUREMENT
+        return measured_part(measured_at, found, std)
+
+    def _status(self, track: PoseTrack, time: float) -> TrackingStatus:
+        config = self._config
+        return track.status(time, self._period, config.coast_after, config.lost_after)
 
     def _twist(self, context: Context, belief: PoseBelief) -> FloatArray:
         """Returns the present twist of the held object, at its centre of mass, or NaN."""
@@ -235,7 +297,7 @@ class PoseEstimator(LeafSystem):
     def _calc_estimate(self, context: Context) -> _Estimate:
         track, belief = self._track.Eval(context)
         time, config = context.get_time(), self._config
-        status = track.status(time, self._period, config.coast_after, config.lost_after)
+        status = self._status(track, time)
         if status == TrackingStatus.WAITING:
             return _Estimate(status, belief)
         since = time - belief.time

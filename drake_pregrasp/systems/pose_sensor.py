@@ -26,7 +26,16 @@ MAX_SEED = 2**53
 """Largest seed: a numeric parameter is a float, which holds every integer up to this one."""
 
 
-def _declare_seed(system: LeafSystem, seed: int) -> tuple[NumericParameterIndex, DependencyTicket]:
+def declare_seed(system: LeafSystem, seed: int) -> tuple[NumericParameterIndex, DependencyTicket]:
+    """Declares the seed of a system's noise as its numeric parameter 0.
+
+    Args:
+        system: System that is being built.
+        seed: Default of the seed, an integer from 0 to 2**53.
+
+    Raises:
+        InvalidArgumentError: If `seed` is out of its range.
+    """
     if not 0 <= seed <= MAX_SEED:
         raise InvalidArgumentError(f"seed must be from 0 to 2**53, not {seed}")
     index = NumericParameterIndex(system.DeclareNumericParameter(BasicVector([float(seed)])))
@@ -63,7 +72,7 @@ class NoiseSource(LeafSystem):
         if not period > 0:
             raise InvalidArgumentError(f"period must be greater than 0 s, not {period}")
         self._period = period
-        self._seed, seed_ticket = _declare_seed(self, seed)
+        self._seed, seed_ticket = declare_seed(self, seed)
         self._size = size
         declare_output(self, "noise", size, self._calc_noise, self.time_ticket(), seed_ticket)
 
@@ -142,7 +151,7 @@ class NoisyPoseSensor(LeafSystem):
                 raise InvalidArgumentError(f"faults need a period greater than 0 s, not {period}")
             check_faults(self._faults, period)
             self._period = period
-            self._seed, seed_ticket = _declare_seed(self, seed)
+            self._seed, seed_ticket = declare_seed(self, seed)
             sources += [time, seed_ticket]
         if self._faults is None or not self._faults.need_memory:
             declare_output(self, "X_WO_measured", POSE, self._measure, *sources)

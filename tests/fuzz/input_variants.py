@@ -105,6 +105,8 @@ _STAGES: dict[str, dict[str, Any]] = {
 }
 """Fields of the planner's configuration, by the names of the variants."""
 
+_OF_COORDINATES = ("finger_coordinates", "candidate_coordinates")
+
 VARIANTS = (*_STAGES, "planner")
 """Names of all variants; the last has an estimator of its own."""
 
@@ -120,7 +122,8 @@ def make_variant(name: str) -> Variant:
         p_OC = surface.p_OQ[[0, len(surface.p_OQ) // 3, 2 * len(surface.p_OQ) // 3]]
     diagram = (PregraspPlanner if name == "planner" else _Stages)(config, surface, p_OC)
     names = [diagram.get_input_port(k).get_name() for k in range(diagram.num_input_ports())]
-    ports = tuple(n for n in names if config.coordinates or not n.endswith("_coordinates"))
+    unused = {"point_cloud"} if config.coordinates else {"point_cloud", *_OF_COORDINATES}
+    ports = tuple(name for name in names if name not in unused)
     return Variant(
         diagram=diagram,
         selector=diagram.GetSubsystemByName("centroid_selector"),

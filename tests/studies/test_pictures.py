@@ -13,6 +13,7 @@ from drake_pregrasp.studies.gallery import gallery, pictures
 from drake_pregrasp.studies.gallery.film import film_scenario
 from drake_pregrasp.studies.gallery.gallery import FRAME_TIME, film_grasp, make_gallery
 from drake_pregrasp.studies.gallery.pictures import WHITE, Light
+from drake_pregrasp.systems.drawing import camera_pose
 
 FORWARD = [0.0, 0.0, 1.0]
 MIDDLE, CORNER = (10, 10), (0, 0)
@@ -44,7 +45,7 @@ def test_a_picture_has_its_background_colours_and_lights():
 def test_a_camera_looks_at_its_target_and_keeps_upright():
     """10 cm higher is 5.6 pixels higher: a focal length of 41, times 9 cm aside over 66 cm off."""
     x, y, z = target = np.array([0.02, 0.01, 0.05])
-    look = {"shape": Sphere(0.05), "X_WK": pictures.camera_pose(target, np.array([0.5, -0.4, 0.3]))}
+    look = {"shape": Sphere(0.05), "X_WK": camera_pose(target, np.array([0.5, -0.4, 0.3]))}
     for height, above in ((0.0, 0.0), (0.1, 5.6)):
         image = picture(Light(FORWARD, 1.0), p_WS=[x, y, z + height], **look)
         row, column = np.mean(np.argwhere(image[..., 1] < 128), axis=0)

@@ -6,6 +6,7 @@ from five_finger_hand import AROUND, FRAMES, HAND, bus
 from five_finger_hand import RAYS as RING
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.math import SpatialVelocity
+from pydrake.perception import PointCloud
 from selections import regions_of
 
 import drake_pregrasp as dp
@@ -13,6 +14,7 @@ from drake_pregrasp.config.hand_description import Fingertip
 from drake_pregrasp.config.planner_config import MeasuresConfig
 from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.contacts.assignment import FREE_TURN
+from drake_pregrasp.geometry.mesh_solid import MeshSolid
 from drake_pregrasp.grasping.grasp_state import NO_LIMIT, NOT_BLOCKED
 from drake_pregrasp.grasping.hand_commands import GraspCommand
 from drake_pregrasp.grasping.hand_goals import HandGoals
@@ -54,8 +56,9 @@ def sloping_measures(size=0.2):
     return FingerMeasures(low, step, table, efforts=np.ones((N, 1)))
 
 
-def make_estimator(period=PERIOD, p_OCoM=None, **changes):
-    return dp.PoseEstimator(dp.EstimatorConfig(**changes), period=period, p_OCoM=p_OCoM)
+def make_estimator(period=PERIOD, p_OCoM=None, object_solid=None, **changes):
+    config = dp.EstimatorConfig(**changes)
+    return dp.PoseEstimator(config, period=period, p_OCoM=p_OCoM, object_solid=object_solid)
 
 
 def make_shaper(
@@ -164,6 +167,7 @@ MAKERS = {
     "sensor": lambda: dp.NoisyPoseSensor(SensorConfig(0.1, 0.1)),
     "sensor with memory": lambda: dp.NoisyPoseSensor(SensorConfig(0.1, 0.1, FAULTS), period=0.1),
     "estimator": make_estimator,
+    "estimator of points": lambda: make_estimator(object_solid=MeshSolid.of(SURFACE.mesh)),
     "partitioner": lambda: make_partitioner(
         SURFACE,
         limits=LIMITS,
@@ -184,6 +188,13 @@ def in_world(p_GQ):
     return (X_G @ p_GQ.T).T
 
 
+def cloud(points):
+    """Points in W as a `PointCloud`."""
+    result = PointCloud(len(points))
+    result.mutable_xyzs()[:] = np.asarray(points).T
+    return result
+
+
 def ring(radius):
     """Points of the fingers at a radius from the origin of G, in W."""
     return in_world(radius * RING)
@@ -200,6 +211,7 @@ VALUES = {
     **dict.fromkeys(FRAME_NAMES, (X_G, X_G @ TURNED)),
     "V_WO_estimated": (SLOW, FAST),
     "V_WO_held": (SLOW, FAST),
+    "point_cloud": (cloud(in_world(SURFACE.p_OQ)), cloud((X_G @ TURNED @ SURFACE.p_OQ.T).T)),
     "command": (grasp_command(X_G), grasp_command(X_G @ TURNED, V_WG=FAST)),
     "noise": (np.zeros(6), np.ones(6)),
     "measurement_time": ([0.0], [-np.inf]),
@@ -229,8 +241,16 @@ VALUES = {
 }
 
 
+UNCONNECTED = {
+    "estimator": {"point_cloud"},
+    "estimator of points": {"X_WO_measured"},
+    "planner": {"point_cloud"},
+}
+"""Ports in whose place another one is connected."""
+
+
 def driven(name):
     """A system with a sound value at each of its ports."""
     system = MAKERS[name]()
-    inputs, _ = port_names(system)
+    inputs = [port for port in port_names(system)[0] if port not in UNCONNECTED.get(name, ())]
     return Driven(system, **{port: VALUES[port][0] for port in inputs})

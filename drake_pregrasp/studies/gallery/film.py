@@ -19,7 +19,7 @@ from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.studies.gallery import pictures
 from drake_pregrasp.studies.gallery.pictures import ByteArray, Light
-from drake_pregrasp.systems.drawing import VOLUME_COLOR, drawn_solid
+from drake_pregrasp.systems.drawing import VOLUME_COLOR, camera_pose, drawn_solid
 from drake_pregrasp.systems.loggers import GraspRecord
 from drake_pregrasp.systems.pregrasp_visualizer import GHOST_COLOR, are_apart
 from drake_pregrasp.systems.run_timeline import RunTimeline
@@ -95,7 +95,7 @@ class SceneCamera:
         self._draw(X_WO)
         query, view = self._station.GetOutputPort("query_object").Eval(context), self._view
         p_WT = view.p_WT + view.share * (X_WO.translation() - view.p_WO)
-        X_WK = pictures.camera_pose(p_WT, view.p_WK - view.p_WT)
+        X_WK = camera_pose(p_WT, view.p_WK - view.p_WT)
         return pictures.take_picture(query, self._camera, X_WK)
 
     def _draw(self, X_WO: RigidTransform) -> None:

@@ -25,7 +25,7 @@ from pydrake.geometry import (
     Shape,
     Sphere,
 )
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.math import RigidTransform
 from pydrake.systems.sensors import CameraInfo
 
 from drake_pregrasp.arrays import FloatArray, IntArray
@@ -34,6 +34,7 @@ from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.systems.drawing import (
     BODY_COLOR,
     VOLUME_COLOR,
+    camera_pose,
     contact_color,
     drawn_solid,
     region_color,
@@ -125,20 +126,6 @@ def color_camera(pixels: tuple[int, int], field_of_view: float) -> ColorRenderCa
     """
     info, depths = CameraInfo(*pixels, field_of_view), ClippingRange(0.01, 10.0)
     return ColorRenderCamera(RenderCameraCore(RENDERER, info, depths, RigidTransform()))
-
-
-def camera_pose(p_FT: FloatArray, p_TK_F: FloatArray) -> RigidTransform:
-    """Returns the pose X_FK of an upright camera K (z forward, y down) that looks at a target T.
-
-    Args:
-        p_FT: Position of T in a frame F whose z axis points up, shape (3,), in metres.
-        p_TK_F: Position of K relative to T, in F, shape (3,), in metres; not along z.
-    """
-    z = -p_TK_F / np.linalg.norm(p_TK_F)
-    x = np.cross(z, [0.0, 0.0, 1.0])
-    x /= np.linalg.norm(x)
-    R_FK = RotationMatrix(np.column_stack([x, np.cross(z, x), z]))
-    return RigidTransform(R_FK, p_FT + p_TK_F)
 
 
 def take_picture(query: QueryObject, camera: ColorRenderCamera, X_WK: RigidTransform) -> ByteArray:

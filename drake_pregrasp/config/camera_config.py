@@ -1,0 +1,56 @@
+"""Configuration of simulated depth cameras."""
+
+import math
+from dataclasses import dataclass, field
+
+from drake_pregrasp.config.object_config import POINT, zeros
+
+
+@dataclass
+class CameraConfig:
+    """A depth camera that stands still and looks at a point."""
+
+    # Position of the camera in W, in metres.
+    position: list[float] = field(default_factory=lambda: [0.45, -0.45, 0.45], metadata=POINT)
+
+    # Point in W in the middle of its picture, in metres; not straight above or below the camera.
+    target: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.05], metadata=POINT)
+
+    # Error of its calibrated place: displacement in W of what it sees, in metres.
+    bias: list[float] = field(default_factory=zeros, metadata=POINT)
+
+    # Size of its picture, in pixels.
+    width: int = field(default=320, metadata={"at_least": 16, "at_most": 1280})
+    height: int = field(default=240, metadata={"at_least": 16, "at_most": 1280})
+
+    # Vertical field of view, in radians.
+    field_of_view: float = field(
+        default=0.8, metadata={"at_least": 0.05, "at_most": math.radians(120)}
+    )
+
+
+@dataclass
+class DepthSensorConfig:
+    """Depth cameras that take pictures at the same time, and the points of the object in them."""
+
+    # The cameras. With one at least, they take the place of the pose sensor.
+    cameras: list[CameraConfig] = field(default_factory=list, metadata={"max_length": 8})
+
+    # Seconds between pictures.
+    period: float = field(default=0.05, metadata={"at_least": 0.001, "at_most": 10})
+
+    # Seconds from a picture to the arrival of its points.
+    latency: float = field(default=0.03, metadata={"at_least": 0.001, "at_most": 1})
+
+    # Largest number of points of a picture.
+    points: int = field(default=500, metadata={"at_least": 1, "at_most": 20_000})
+
+    # Standard deviation of the white noise of a point along the ray from the camera, in metres.
+    noise: float = field(default=0.001, metadata={"at_least": 0, "at_most": 1})
+
+    # Points so near to a link of the hand, at the measured joint positions, are left out; in
+    # metres.
+    link_margin: float = field(default=0.006, metadata={"at_least": 0, "at_most": 1})
+
+    # So are points below this height over the table, in metres.
+    table_margin: float = field(default=0.004, metadata={"at_least": -10, "at_most": 1})

@@ -1,0 +1,98 @@
+"""First pose of an object from points that a camera sees, without any estimate before."""
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.estimation.surface_alignment import (
+    SCALES,
+    Alignment,
+    SurfacePoints,
+    align_pose,
+)
+from drake_pregrasp.geometry.distance_grid import DistanceGrid
+from drake_pregrasp.geometry.rotations import rotation_matrix
+
+STARTS = 512
+"""Number of orientations to start from: each rotation is within about 35 degrees of one."""
+
+_FEW = 80  # Points of the first steps.
+_COARSE = (0.03, 0.03, 0.02, 0.02, 0.015)  # Scales of the first steps, in metres.
+_FINALISTS = 24  # Best starts, which are aligned to all points.
+_YAWS, _UPRIGHT = 24, 6  # Upright starts besides, and finalists of these.
+_AS_WELL = 0.002  # Share of the points by which poses that fit as well differ.
+_ENDS = 2  # Passes over the scales of an alignment.
+_GOLDEN = (np.sqrt(2.0), 1.533751168755204)  # Ratios of a super-Fibonacci spiral.
+
+
+def register_pose(
+    grid: DistanceGrid,
+    corners: FloatArray,
+    p_WQ: FloatArray,
+    std: FloatArray,
+    *,
+    point_std: float,
+    table: bool = True,
+    align: Callable[..., Alignment] = align_pose,
+) -> Alignment:
+    """Returns the pose that fits points best, out of alignments from many orientations.
+
+    The middle of the object's bounding box starts at that of the points. On a table, the object
+    starts on it, and what the pose leaves between them counts as misfit. Of poses that fit as well,
+    such as those of a symmetric object, the one that is turned least from the axes of W counts.
+
+    Args:
+        grid: Signed distances of the object in O.
+        corners: Vertices of its convex hull in O, shape (k, 3), in metres.
+        p_WQ: Points of the object in W, shape (N, 3), in metres.
+        std: Assumed standard deviations of a measured pose (theta, p), shape (6,).
+        point_std: Standard deviation of a point's distance from the surface, in metres.
+        table: Whether the object stands on the plane z = 0 of W.
+        align: Implementation of `align_pose`.
+    """
+    few = SurfacePoints.seen(p_WQ[:: max(1, len(p_WQ) // _FEW)], point_std)
+    middle, found = (p_WQ.min(axis=0) + p_WQ.max(axis=0)) / 2, []
+    upright = rotation_matrix(np.outer(np.arange(_YAWS) * 2 * np.pi / _YAWS, [0.0, 0.0, 1.0]))
+    for R_WO in np.concatenate([upright, _lattice(STARTS)]):
+        turned = corners @ R_WO.T
+        low, high = turned.min(axis=0), turned.max(axis=0)
+        p_WO = middle - (low + high) / 2
+        if table:
+            p_WO[2] = -low[2]
+        found.append(align(grid, few, R_WO, p_WO, std, _COARSE))
+    scores = [_misfit(start, corners, len(few.radius), table) for start in found]
+    points, ends = SurfacePoints.seen(p_WQ, point_std), []
+    finalists = {*np.argsort(scores)[:_FINALISTS], *np.argsort(scores[:_YAWS])[:_UPRIGHT]}
+    for end in (found[index] for index in sorted(finalists)):
+        for _ in range(_ENDS):
+            end = align(grid, points, end.R_WO, end.p_WO, std, SCALES)
+        ends.append(end)
+    misfits = [_misfit(end, corners, len(p_WQ), table) for end in ends]
+    least = min(misfits) + _AS_WELL
+    equal: list[Alignment] = [e for e, m in zip(ends, misfits, strict=True) if m <= least]
+    return max(equal, key=lambda end: float(np.trace(end.R_WO)))
+
+
+def _misfit(found: Alignment, corners: FloatArray, count: int, table: bool) -> float:
+    """Returns the share of points that do not fit, and what the table adds."""
+    misfit = 1 - found.fits / count
+    if table:
+        height = float(np.min(corners @ found.R_WO[2])) + found.p_WO[2]
+        scale = SCALES[-1]
+        misfit += 1 - (scale**2 / (scale**2 + height**2)) ** 2
+    return misfit
+
+
+def _lattice(count: int) -> FloatArray:
+    """Returns evenly spread rotations, shape (count, 3, 3): a super-Fibonacci spiral.
+
+    See Alexa, "Super-Fibonacci spirals: fast, low-discrepancy sampling of SO(3)", 2022.
+    """
+    s = np.arange(count) + 0.5
+    inner, outer = np.sqrt(s / count), np.sqrt(1 - s / count)
+    a, b = (2 * np.pi * s / ratio for ratio in _GOLDEN)
+    halves = [inner * np.sin(a), inner * np.cos(a), outer * np.sin(b), outer * np.cos(b)]
+    rotations: FloatArray = Rotation.from_quat(np.column_stack(halves)).as_matrix()
+    return rotations

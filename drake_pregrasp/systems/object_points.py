@@ -1,0 +1,167 @@
+"""Points of the object in the pictures of depth cameras."""
+
+import math
+
+import numpy as np
+from pydrake.perception import PointCloud
+from pydrake.planning import RobotDiagram
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+
+from drake_pregrasp.arrays import SLACK, BoolArray, FloatArray, are_valid, tick_index
+from drake_pregrasp.config.camera_config import DepthSensorConfig
+from drake_pregrasp.config.validation import checked
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.estimation.fault_settings import FaultChannel, fault_generator
+from drake_pregrasp.systems.ports import (
+    CLOUD,
+    declare_cache,
+    declare_context,
+    declare_output,
+    points_in,
+)
+from drake_pregrasp.systems.pose_sensor import declare_seed
+
+_MORE = 2  # Points that are compared with the hand, over those that are kept.
+
+
+class ObjectPoints(LeafSystem):
+    """Keeps the points of depth pictures that may belong to the object, with noise and latency.
+
+    .. pydrake_system::
+
+        name: ObjectPoints
+        input_ports:
+        - camera_0
+        - hand_state
+        output_ports:
+        - point_cloud
+        - measurement_time
+
+    Port `camera_0` accepts a `PointCloud` in W, as Drake's `DepthImageToPointCloud` emits it, and
+    is evaluated once each period of the pictures. Further cameras have `camera_1` and so on.
+
+    Port `hand_state` (optional) accepts a vector of 2 nq: positions and velocities of the joints of
+    `hand`. Points near its collision geometries at these positions are left out. If a position is
+    not finite, no point is kept.
+
+    Port `point_cloud` emits a `PointCloud` in W: the points of the newest picture that has arrived,
+    at most `config.points`, evenly chosen. Points of the table and of the hand are left out.
+
+    Port `measurement_time` emits a vector of 1: the time of that picture, in seconds; -inf before
+    the first one has arrived.
+
+    The noise is a pure function of the seed and of the picture's index. The seed is the numeric
+    parameter 0 of the Context.
+
+    Args:
+        config: The cameras.
+        hand: Plant with only the hand, and its SceneGraph; None without a hand.
+        seed: Default of the seed, an integer from 0 to 2**53.
+
+    Raises:
+        InvalidArgumentError: If the configuration or the seed is out of its range.
+    """
+
+    def __init__(
+        self, config: DepthSensorConfig, *, hand: RobotDiagram | None = None, seed: int = 0
+    ) -> None:
+        super().__init__()
+        self._config = checked(config)
+        if not config.cameras:
+            raise InvalidArgumentError("cameras must have one element at least")
+        self._seed, _ = declare_seed(self, seed)
+        self._clouds = [
+            self.DeclareAbstractInputPort(f"camera_{index}", CLOUD)
+            for index in range(len(config.cameras))
+        ]
+        self._hand = hand
+        if hand is not None:
+            self._hand_state = self.DeclareVectorInputPort(
+                "hand_state", 2 * hand.plant().num_positions()
+            )
+            self._posture = declare_context(
+                self, "hand at the measured positions", hand, self._place_hand, self._hand_state
+            )
+        # A row for each picture that may be on its way, and for the one before: time and points.
+        rows = math.ceil(config.latency / config.period) + 1
+        none = np.full((rows, 1 + 3 * config.points), np.nan)
+        none[:, 0] = -np.inf
+        self._index = index = self.DeclareDiscreteState(none.ravel())
+        newest = declare_cache(
+            self,
+            "newest picture that has arrived",
+            none[0],
+            self._calc_newest,
+            self.discrete_state_ticket(index),
+            self.time_ticket(),
+        )
+        declare_output(self, "point_cloud", CLOUD, lambda c: _cloud(newest.Eval(c)[1:]), newest)
+        declare_output(self, "measurement_time", 1, lambda c: newest.Eval(c)[0], newest)
+        self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._take_picture)
+
+    def _calc_newest(self, context: Context) -> FloatArray:
+        rows = self._pictures(context)
+        arrived = context.get_time() + SLACK * self._config.period - self._config.latency
+        newest: FloatArray = rows[max(int(np.sum(rows[:, 0] <= arrived)) - 1, 0)]
+        return newest
+
+    def _pictures(self, context: Context) -> FloatArray:
+        """Returns a copy of the pictures, oldest first: time and points, shape (k, 1 + 3 n)."""
+        pictures: FloatArray = context.get_discrete_state(self._index).value()
+        return pictures.reshape(-1, 1 + 3 * self._config.points).copy()
+
+    def _take_picture(self, context: Context, discrete_state: DiscreteValues) -> None:
+        rows, p_WQ = self._pictures(context), self._visible(context)
+        rows[:-1] = rows[1:]
+        rows[-1, 0], rows[-1, 1:] = context.get_time(), np.nan
+        rows[-1, 1 : 1 + p_WQ.size] = p_WQ.ravel()
+        discrete_state.set_value(self._index, rows.ravel())
+
+    def _visible(self, context: Context) -> FloatArray:
+        """Returns the points of all cameras that are kept, shape (N, 3), in metres."""
+        config, found = self._config, []
+        seed = int(context.get_numeric_parameter(self._seed)[0])
+        tick = tick_index(context.get_time(), config.period)
+        rng = fault_generator(seed, tick, FaultChannel.DEPTH)
+        most = max(1, config.points // len(config.cameras))
+        for camera, port in zip(config.cameras, self._clouds, strict=True):
+            p_WQ = points_in(port.Eval(context)) + np.array(camera.bias)
+            p_WQ = thinned(p_WQ[p_WQ[:, 2] > config.table_margin], _MORE * most)
+            p_WQ = thinned(p_WQ[self._is_apart(context, p_WQ)], most)
+            rays = p_WQ - np.array(camera.position)
+            shifts = config.noise * rng.standard_normal(len(p_WQ)) / np.linalg.norm(rays, axis=1)
+            found.append(p_WQ + shifts[:, None] * rays)
+        return np.concatenate(found)[: config.points]
+
+    def _is_apart(self, context: Context, p_WQ: FloatArray) -> BoolArray:
+        """Returns which points are not near to a link of the hand, shape (N,)."""
+        if self._hand is None or not self._hand_state.HasValue(context):
+            return np.ones(len(p_WQ), dtype=bool)
+        if not are_valid(self._hand_state.Eval(context)):
+            return np.zeros(len(p_WQ), dtype=bool)
+        posture, graph = self._posture.Eval(context), self._hand.scene_graph()
+        query = graph.get_query_output_port().Eval(graph.GetMyContextFromRoot(posture))
+        near, margin = query.ComputeSignedDistanceToPoint, self._config.link_margin
+        return np.array([not near(point, margin) for point in p_WQ], dtype=bool)
+
+    def _place_hand(self, context: Context, posture: Context) -> None:
+        assert self._hand is not None
+        plant = self._hand.plant()
+        q = self._hand_state.Eval(context)[: plant.num_positions()]
+        plant.SetPositions(plant.GetMyMutableContextFromRoot(posture), q)
+
+
+def _cloud(picture: FloatArray) -> PointCloud:
+    """Returns the points of a picture, which ends with NaN, as a `PointCloud`."""
+    p_WQ = picture[~np.isnan(picture)].reshape(-1, 3)
+    cloud = PointCloud(len(p_WQ))
+    cloud.mutable_xyzs()[:] = p_WQ.T
+    return cloud
+
+
+def thinned(points: FloatArray, most: int) -> FloatArray:
+    """Returns points, shape (N, 3), evenly chosen if there are more than `most`."""
+    if len(points) <= most:
+        return points
+    chosen: FloatArray = points[np.linspace(0, len(points) - 1, most).astype(int)]
+    return chosen

@@ -1,0 +1,114 @@
+"""Points of the object in pictures, and the estimate of its pose from them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from driven import Driven
+from made_systems import cloud
+from pydrake.math import RigidTransform, RollPitchYaw
+
+import drake_pregrasp as dp
+from drake_pregrasp.geometry.mesh_solid import MeshSolid
+from drake_pregrasp.systems.ports import points_in
+
+CONFIG = dp.DepthSensorConfig([dp.CameraConfig()], period=0.1, latency=0.15, points=40, noise=0)
+BOX = trimesh.creation.box([0.1, 0.08, 0.06])
+SOLID = MeshSolid.of(BOX)
+NOTHING = dp.MeasurementVerdict.NOTHING_NEW
+
+
+def points_of(system, **inputs):
+    driven = Driven(system, **inputs)
+    driven.update()
+    driven.at(0.2)
+    return points_in(driven.eval("point_cloud"))
+
+
+def test_points_arrive_late_with_the_time_of_their_picture():
+    driven = Driven(dp.ObjectPoints(CONFIG), camera_0=cloud([[0, 0, 1.0]]))
+    for tick in range(6):
+        driven.at(0.1 * tick, camera_0=cloud([[0, 0, 1.0 + tick]]))
+        driven.update()
+        arrived = tick - 2  # A picture is 0.15 s old when it arrives, between two ticks.
+        if arrived < 0:
+            assert driven.eval("measurement_time")[0] == -np.inf
+            assert driven.eval("point_cloud").size() == 0
+            continue
+        assert driven.eval("measurement_time")[0] == pytest.approx(0.1 * arrived)
+        assert points_in(driven.eval("point_cloud"))[0, 2] == pytest.approx(1.0 + arrived)
+
+
+def test_points_of_the_table_and_invalid_ones_are_left_out():
+    seen = [[0, 0, 0.1], [0.1, 0, 0.003], [0.1, 0, -1], [np.nan, 0, 1], [0, np.inf, 1]]
+    np.testing.assert_allclose(
+        points_of(dp.ObjectPoints(CONFIG), camera_0=cloud(seen)), [[0, 0, 0.1]], atol=1e-6
+    )
+
+
+def test_of_many_points_some_from_everywhere_are_kept():
+    x = np.linspace(0, 1, 1000)
+    kept = points_of(
+        dp.ObjectPoints(CONFIG), camera_0=cloud(np.column_stack([x, 0 * x, 1 + 0 * x]))
+    )
+    assert len(kept) == CONFIG.points
+    assert np.diff(kept[:, 0]).max() < 2.5 / CONFIG.points
+
+
+def test_noise_is_along_the_ray_and_a_bias_moves_all_points():
+    bias = [0.01, -0.02, 0.005]
+    cameras = [dp.CameraConfig(position=[0.0, 0.0, 1.0], bias=bias)]
+    place, many = np.array([0.3, 0.0, 0.6]), replace(CONFIG, cameras=cameras, points=1000)
+    kept = points_of(
+        dp.ObjectPoints(replace(many, noise=0.01), seed=3), camera_0=cloud([place] * 1000)
+    )
+    ray = place + bias - [0.0, 0.0, 1.0]
+    ray /= np.linalg.norm(ray)
+    errors = kept - place - bias
+    assert np.std(errors @ ray) == pytest.approx(0.01, rel=0.1)
+    np.testing.assert_allclose(errors - np.outer(errors @ ray, ray), 0, atol=1e-6)
+
+
+def test_points_near_links_at_the_measured_positions_are_left_out():
+    hand = dp.HandModel(dp.load_hand("package://drake_pregrasp/five_finger_hand.yaml"))
+    q = hand.home(np.array([0.0, 0.0, 0.05]), 0.0)
+    tips = hand.tips_at(q)
+    seen = np.vstack([tips, [0.0, 0.0, 0.05]])
+    for shift, kept in ((0.0, [5]), (1.0, range(6)), (np.nan, [])):
+        state = np.append(q, np.zeros(len(q)))
+        state[0] += shift  # The carrier's way along x.
+        system = dp.ObjectPoints(CONFIG, hand=hand.diagram)
+        found = points_of(system, camera_0=cloud(seen), hand_state=state)
+        np.testing.assert_allclose(found, seen[list(kept)], atol=1e-6)
+
+
+def seen_at(X_WO, seed=0, count=200):
+    """Points of the upper sides of the box at a pose."""
+    p_OQ, faces = trimesh.sample.sample_surface(BOX, 3 * count, seed=seed)
+    up = (X_WO.rotation().matrix() @ BOX.face_normals[faces].T)[2] > -0.3
+    return (X_WO @ p_OQ[up].T).T[:count]
+
+
+def test_an_estimator_registers_points_and_follows_them():
+    """No pose is given to it at any time."""
+    estimator = Driven(dp.PoseEstimator(period=0.05, object_solid=SOLID))
+    for tick in range(12):
+        p_WO = np.array([0.2 + 0.01 * tick, -0.1, 0.03])
+        X_WO = RigidTransform(RollPitchYaw(0, 0, 0.3 + 0.02 * tick), p_WO)
+        points = cloud(seen_at(X_WO, tick))
+        estimator.at(0.05 * tick, point_cloud=points, measurement_time=[0.05 * tick])
+        estimator.update()
+        X = estimator.eval("X_WO_estimated").inverse() @ X_WO
+        assert np.linalg.norm(X.translation()) < 1e-3
+        assert X.rotation().ToAngleAxis().angle() < 0.02
+    assert estimator.eval("tracking_status")[0] == dp.TrackingStatus.TRACKING
+    assert np.linalg.norm(estimator.eval("V_WO_estimated").translational() - [0.2, 0, 0]) < 0.02
+    estimator.at(0.6, point_cloud=cloud(seen_at(X_WO)[:5]), measurement_time=[0.6])
+    assert estimator.eval("measurement_verdict")[0] == NOTHING  # Too few of them fit.
+
+
+def test_points_need_the_object():
+    estimator = Driven(dp.PoseEstimator(period=0.05), point_cloud=cloud(seen_at(RigidTransform())))
+    with pytest.raises(dp.InvalidArgumentError, match="object_solid"):
+        estimator.eval("X_WO_estimated")
