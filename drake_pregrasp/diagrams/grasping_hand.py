@@ -49,6 +49,8 @@ from drake_pregrasp.systems.hand_kinematics import hand_links
 from drake_pregrasp.systems.hand_scene import separate_fingers
 from drake_pregrasp.systems.sources import ContactWeights, MovingObstacles, MovingSolid
 
+_DEEPEST = 1e-3  # Largest depth of an object in fixed solids, in metres: contact is deep by less.
+
 
 class GoalInputs(NamedTuple):
     """Systems that a source of goals may read.
@@ -209,8 +211,8 @@ def AddHandController(
         NoGraspError: If contacts are to be chosen, but there is no grasp, or the torques of the
             hand's joints do not hold the weight.
         InvalidArgumentError: If settings do not go together, the hand and its model, the robot in
-            the plant, or given contacts and the fingers, do not match, or an arm cannot hold the
-            palm over the object.
+            the plant, or given contacts and the fingers, do not match, an arm cannot hold the palm
+            over the object, or the object is inside of `fixed`.
     """
     config = config or GraspConfig()
     instances = HandInstances(plant, robot)
@@ -218,6 +220,7 @@ def AddHandController(
         config, planner, hand, mass=mass, time_step=plant.time_step()
     ):
         raise InvalidArgumentError(f"{key}: {problem}")
+    _check_place(plant, surface, X_WO, fixed)
     solid = object_solid or MeshSolid.of(surface.mesh)
     # Whoever added the robot to the plant has seen warnings about its model.
     upright = HandModel(hand, config.yaw_range, model=read_model(hand.model))
@@ -261,6 +264,20 @@ def AddHandController(
     for port, name in zip(measured, ("hand_state", "net_actuation"), strict=True):
         builder.Connect(port, added.controller.GetInputPort(name))
     return added
+
+
+def _check_place(
+    plant: MultibodyPlant, surface: ObjectSurface, X_WO: RigidTransform, fixed: Sequence[Solid]
+) -> None:
+    """Checks that an object is not inside fixed solids, and warns of a plant with late outputs."""
+    p_WV = (X_WO @ np.asarray(surface.mesh.vertices).T).T
+    deepest = max((-float(np.min(solid.distance(p_WV))) for solid in fixed), default=0.0)
+    if deepest > _DEEPEST:
+        problem = f"the object is {1e3 * deepest:.3g} mm deep in the table or another fixed solid"
+        raise InvalidArgumentError(f"X_WO: {problem}; place it on top")
+    if plant.has_sampled_output_ports():
+        problem = "the controller sees the joints one time step late, and may throw the object over"
+        warnings.warn(f"plant: use_sampled_output_ports is set: {problem}", stacklevel=3)
 
 
 def _prepare_contact(

@@ -337,6 +337,11 @@ def _grasp_problems(
     if plant.discrete_contact_approximation == "tamsi":
         problem = "tamsi has no drives for a hand's joints; choose sap, similar or lagged"
         yield "plant_config.discrete_contact_approximation", problem
+    if plant.use_sampled_output_ports:
+        problem = (
+            "must be false with a hand, whose joints the controller would see a time step late"
+        )
+        yield "plant_config.use_sampled_output_ports", f"true {problem}"
     yield from start_grasp.grasp_problems(
         grasp, scenario.planner, hand, mass=scenario.object.mass, time_step=plant.time_step
     )

@@ -32,10 +32,11 @@ def add(
     X_WB=FROM_ABOVE,
     hand=HAND.description,
     robot=None,
+    is_sampled=False,
     **config,
 ):
     builder = DiagramBuilder()
-    settings = MultibodyPlantConfig(time_step=0.01, use_sampled_output_ports=False)
+    settings = MultibodyPlantConfig(time_step=0.01, use_sampled_output_ports=is_sampled)
     plant, _ = AddMultibodyPlant(settings, builder)
     models = dp.add_hand_model(plant, hand, X_WB=X_WB)
     plant.Finalize()
@@ -109,6 +110,19 @@ def test_a_grasp_that_the_torques_of_the_joints_do_not_hold_is_refused_with_both
 def test_a_robot_that_is_not_in_the_plant_is_refused():
     with pytest.raises(dp.InvalidArgumentError, match=r"robot: .* 7.*; there are: .*2 hand"):
         add(robot=ModelInstanceIndex(7))
+
+
+def test_an_object_in_the_table_and_late_joints_are_said_at_once():
+    with pytest.raises(
+        dp.InvalidArgumentError, match="X_WO: the object is 20 mm deep in the table"
+    ):
+        add(pose=RigidTransform([0.0, 0.0, 0.03]))
+    too_few = np.zeros((4, 3))
+    with (
+        pytest.raises(dp.InvalidArgumentError, match="5 fingertips must be 4"),
+        pytest.warns(UserWarning, match="use_sampled_output_ports is set: .* one time step late"),
+    ):
+        add(too_few, pose=RigidTransform([0.0, 0.0, 0.0495]), is_sampled=True)
 
 
 @pytest.mark.slow
