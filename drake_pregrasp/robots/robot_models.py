@@ -9,9 +9,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn
-
 from drake_pregrasp.errors import InvalidArgumentError, OutputError
 from drake_pregrasp.robots.robot_data import ROBOTS, find_robot_data, write_robot
 
@@ -113,6 +110,10 @@ def robot_model(url: str) -> Path:
 @contextmanager
 def _bar(text: str) -> Iterator[Callable[[int, int], None]]:
     """Shows a progress bar on a terminal."""
+    # Models are mostly in the cache, and imports take a tenth of a second.
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+
     console = Console(stderr=True)
     columns = (TextColumn(text), BarColumn(), TextColumn("{task.completed} of {task.total}"))
     with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
