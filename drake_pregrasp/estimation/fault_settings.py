@@ -1,7 +1,7 @@
 """Settings of a pose sensor's faults, and the random times at which they act."""
 
-import functools
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import IntEnum, unique
 
@@ -44,13 +44,17 @@ CUT_OFF = 5.0
 MAX_BURST_TICKS = 10_000
 """Largest length of a burst, in ticks, and so of the look-back at each tick."""
 
-_REMEMBERED = 4 * MAX_BURST_TICKS  # Cached draws, enough to look back in both channels.
 
-
-def in_burst(
-    tick: int, *, rate: float, duration: float, period: float, seed: int, channel: FaultChannel
-) -> bool:
-    """Returns whether a burst covers a tick.
+def burst_end(
+    ticks: Iterable[int],
+    *,
+    rate: float,
+    duration: float,
+    period: float,
+    seed: int,
+    channel: FaultChannel,
+) -> float:
+    """Returns the first tick after all bursts that start at some ticks; -inf if none does.
 
     Bursts start as a Poisson process, sampled at the ticks: at each tick one starts with the
     probability p = 1 - exp(-rate * period). Its length E is exponential, and it covers the ticks
@@ -59,25 +63,27 @@ def in_burst(
     Queues", 1962), in discrete time: its busy share is 1 - Π_a (1 - p P(E > a period)) over the
     ages a = 0, 1, ... of a burst in ticks.
 
-    The result is a function of the seed and the tick, so it needs no memory, and bursts are as
-    frequent at the first tick as at any other.
+    A burst is a function of the seed and its first tick. So bursts are as frequent at the first
+    tick of a run as at any other, if those are looked for that started `burst_reach` ticks before.
 
     Args:
-        tick: Index of the planning tick.
+        ticks: Indices of planning ticks.
         rate: Starts per second; 0 for no bursts.
         duration: Mean of the lengths before they are cut off, in seconds, greater than 0.
         period: Seconds between ticks.
         seed: Seed of the random numbers.
         channel: Use of the random numbers.
     """
+    end = -math.inf
     if not rate:
-        return False
-    probability = -math.expm1(-rate * period)
-    for age in range(burst_reach(duration, period)):
-        start, length = _draws(seed, tick - age, channel)
-        if start < probability and age * period < length * duration:
-            return True
-    return False
+        return end
+    probability, reach = -math.expm1(-rate * period), burst_reach(duration, period)
+    for tick in ticks:
+        generator = fault_generator(seed, tick, channel)
+        if generator.random() < probability:
+            ages = generator.standard_exponential() * duration / period
+            end = max(end, tick + min(reach, max(1, math.ceil(ages))))
+    return end
 
 
 def burst_reach(duration: float, period: float) -> int:
@@ -88,13 +94,6 @@ def burst_reach(duration: float, period: float) -> int:
         period: Seconds between ticks.
     """
     return max(1, math.ceil(CUT_OFF * duration / period))
-
-
-@functools.lru_cache(maxsize=_REMEMBERED)
-def _draws(seed: int, tick: int, channel: FaultChannel) -> tuple[float, float]:
-    """Returns a number from 0 to 1, and the length, in mean lengths, of a burst from that tick."""
-    generator = fault_generator(seed, tick, channel)
-    return generator.random(), generator.standard_exponential()
 
 
 FOREVER = 1e7

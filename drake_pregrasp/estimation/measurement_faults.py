@@ -12,8 +12,9 @@ from drake_pregrasp.arrays import FloatArray, first_tick
 from drake_pregrasp.estimation.fault_settings import (
     FaultChannel,
     MeasurementFaults,
+    burst_end,
+    burst_reach,
     fault_generator,
-    in_burst,
 )
 from drake_pregrasp.geometry.rotations import rotation_matrix
 
@@ -105,22 +106,6 @@ def arrival_tick(tick: int, faults: MeasurementFaults, period: float, seed: int)
     return tick + first_tick(faults.delay + share * faults.jitter, period)
 
 
-def is_frozen(tick: int, faults: MeasurementFaults, period: float, seed: int) -> bool:
-    """Returns whether the sensor repeats an old value at a tick; arguments as in `arrival_tick`."""
-    burst = {"rate": faults.freeze_rate, "duration": faults.freeze_duration}
-    return faults.act_at(tick, period) and in_burst(
-        tick, **burst, period=period, seed=seed, channel=FaultChannel.FREEZING
-    )
-
-
-def is_occluded(tick: int, faults: MeasurementFaults, period: float, seed: int) -> bool:
-    """Returns whether a measurement at a tick is lost; arguments as in `arrival_tick`."""
-    burst = {"rate": faults.dropout_rate, "duration": faults.dropout_duration}
-    return faults.act_at(tick, period) and in_burst(
-        tick, **burst, period=period, seed=seed, channel=FaultChannel.DROPOUTS
-    )
-
-
 POSE_SIZE = 12
 """Numbers of a pose: its rotation matrix and its position side by side, by rows."""
 
@@ -131,6 +116,8 @@ class SensorMemory:
 
     Attributes:
         tick: Index of the tick; -inf before the first.
+        occluded_until: First tick after the occlusions so far; -inf if there was none.
+        frozen_until: The same for the freezing of values.
         stamp: Time of the measurement that arrived last, in seconds; -inf if none has.
         pose: Pose of the measurement that arrived last, shape (12,); NaN if there is none.
         is_frozen: Whether a value is repeated.
@@ -140,6 +127,8 @@ class SensorMemory:
     """
 
     tick: float
+    occluded_until: float
+    frozen_until: float
     stamp: float
     pose: FloatArray
     is_frozen: bool
@@ -158,7 +147,8 @@ class SensorMemory:
         capacity = first_tick(faults.delay + faults.jitter, period)
         no_pose = np.full(POSE_SIZE, np.nan)
         under_way = np.full((capacity, 2 + POSE_SIZE), np.inf)
-        return SensorMemory(-np.inf, -np.inf, no_pose, False, no_pose, under_way)
+        never = -np.inf
+        return SensorMemory(never, never, never, never, no_pose, False, no_pose, under_way)
 
 
 def next_memory(
@@ -194,14 +184,15 @@ def next_memory(
     """
     if memory.tick >= tick:
         memory = SensorMemory.empty(faults, period)
-    taken = is_taken(tick, faults, period)
+    memory = _with_bursts(memory, tick, faults, period, seed)
+    taken, acts = is_taken(tick, faults, period), faults.act_at(tick, period)
     frozen = memory.frozen if memory.is_frozen and memory.tick == tick - 1 else None
-    if not is_frozen(tick, faults, period, seed):
+    if not (acts and tick < memory.frozen_until):
         frozen = None
     elif frozen is None and taken:
         frozen = pose
     sent = memory.under_way
-    if taken and not is_occluded(tick, faults, period, seed):
+    if taken and not (acts and tick < memory.occluded_until):
         arrival = arrival_tick(tick, faults, period, seed)
         sent = np.vstack([sent, np.r_[time, arrival, pose if frozen is None else frozen]])
     has_arrived = sent[:, 1] <= tick
@@ -219,4 +210,28 @@ def next_memory(
         is_frozen=frozen is not None,
         frozen=np.full(POSE_SIZE, np.nan) if frozen is None else frozen,
         under_way=under_way,
+    )
+
+
+def _with_bursts(
+    memory: SensorMemory, tick: int, faults: MeasurementFaults, period: float, seed: int
+) -> SensorMemory:
+    """Returns the state with the ends of bursts up to a tick; arguments as in `next_memory`."""
+
+    def end(known: float, rate: float, duration: float, channel: FaultChannel) -> float:
+        # After skipped ticks, and before the first one, bursts may have begun that still last.
+        before = 0 if memory.tick == tick - 1 else burst_reach(duration, period) - 1
+        ticks = range(tick - before, tick + 1)
+        new = burst_end(
+            ticks, rate=rate, duration=duration, period=period, seed=seed, channel=channel
+        )
+        return max(known, new)
+
+    dropout, freezing = FaultChannel.DROPOUTS, FaultChannel.FREEZING
+    return replace(
+        memory,
+        occluded_until=end(
+            memory.occluded_until, faults.dropout_rate, faults.dropout_duration, dropout
+        ),
+        frozen_until=end(memory.frozen_until, faults.freeze_rate, faults.freeze_duration, freezing),
     )
