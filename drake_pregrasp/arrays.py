@@ -1,11 +1,9 @@
 """Array types, ticks, validation of values from users and ports, vector forms of dataclasses."""
 
 import dataclasses
-import functools
 import math
-import operator
 from collections.abc import Callable
-from enum import EnumType
+from enum import Enum
 from numbers import Real
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -203,25 +201,21 @@ def pack(record: "DataclassInstance") -> FloatArray:
         record: Dataclass instance of at least two numbers, enumerations, arrays, and dataclasses of
             such.
     """
-    return np.concatenate(_values_of(type(record))(record), axis=None, dtype=float)
+    return np.concatenate(_values(record), axis=None, dtype=float)
 
 
-@functools.cache
-def _values_of(record_type: type["DataclassInstance"]) -> Callable[[Any], tuple[Any, ...]]:
-    """Returns the function that returns all values in instances of a dataclass, in order."""
-    return operator.attrgetter(*_paths(record_type))
-
-
-def _paths(record_type: Any) -> list[str]:
-    paths = []
-    for field in dataclasses.fields(record_type):
-        inner = [""]
-        if dataclasses.is_dataclass(field.type):
-            inner = [f".{path}" for path in _paths(field.type)]
-        elif isinstance(field.type, EnumType):
-            inner = [".value"]  # numpy takes long to find out that an enumeration is a number.
-        paths += [field.name + path for path in inner]
-    return paths
+def _values(record: Any) -> list[Any]:
+    """Returns the values in a dataclass instance and in those inside it, in order."""
+    values = []
+    for name in record.__dataclass_fields__:
+        value = getattr(record, name)
+        if isinstance(value, Enum):
+            values.append(value.value)  # numpy takes long to find out that it is a number.
+        elif isinstance(value, _PLAIN):
+            values.append(value)
+        else:
+            values += _values(value)
+    return values
 
 
 def unpacker(template: Record) -> Callable[[FloatArray], Record]:

@@ -284,4 +284,4 @@ class CompactCandidates(Blocks):
                     limits[i], causes[i] = limit_of_cell(i, self.points, cells, bounds)
                 else:
                     limits[i], causes[i] = key // width, key % width - 1
-        return labels, sizes, limits, causes
+        return labels, limits, causes

@@ -7,7 +7,6 @@ import struct
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
-from functools import cache
 from io import BytesIO
 from operator import attrgetter
 from pathlib import Path
@@ -122,12 +121,15 @@ def read_poses(path: Path, topic: str = "", frame: str = "") -> RecordedPoses:
 
 def _only_track(path: Path, topic: str, frame: str) -> tuple[Track, dict[int, Pose]]:
     """Returns the poses of one frame by their stamps."""
+    from rosbags.typesys import Stores, get_typestore
+
+    typestore = get_typestore(Stores.ROS2_HUMBLE)  # Its messages are those of all distributions.
     tracks: dict[Track, dict[int, Pose]] = {}
     total = 0
     for message in _messages(path):
         if len(message[-1]) > MAX_MESSAGE_BYTES:
             raise InvalidArgumentError(f"has a message of more than {MAX_MESSAGE_BYTES / 1e6:g} MB")
-        for track, stamp, values in _poses(message):
+        for track, stamp, values in _poses(message, typestore):
             poses = tracks.setdefault(track, {})
             total += stamp not in poses
             poses.setdefault(stamp, values)
@@ -277,21 +279,14 @@ def _sqlite_messages(file: Path, is_late: Callable[[], bool]) -> Iterator[_Messa
             yield *topics[number], stamp, data
 
 
-@cache
-def _typestore() -> Any:
-    from rosbags.typesys import Stores, get_typestore
-
-    return get_typestore(Stores.ROS2_HUMBLE)  # These messages are the same in all distributions.
-
-
-def _poses(message: _Message) -> Iterator[tuple[Track, int, Pose]]:
+def _poses(message: _Message, typestore: Any) -> Iterator[tuple[Track, int, Pose]]:
     """Yields the frames of the poses in a message, their stamps in nanoseconds, and the poses."""
     topic, kind, log_time, data = message
     is_json = kind.startswith(_FOXGLOVE)
     if is_json:
         value = json.loads(data, object_hook=lambda entries: SimpleNamespace(**entries))
     else:
-        value = _typestore().deserialize_cdr(data, kind)
+        value = typestore.deserialize_cdr(data, kind)
     for part in getattr(value, "transforms", [value]):
         fields: list[Any] = [attrgetter(field)(part) if field else "" for field in _KINDS[kind]]
         stamp, parent, frame, p, q = fields

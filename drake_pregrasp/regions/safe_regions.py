@@ -4,6 +4,7 @@
 `compute_safe_regions`: the same inequalities as half-spaces, and further constraints.
 """
 
+import contextlib
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -112,10 +113,11 @@ class SafeRegions:
         Raises:
             InvalidArgumentError: If a label is neither `NO_REGION` nor that of a contact.
         """
-        n = len(self.lost)
-        if not ((self.labels >= NO_REGION) & (self.labels < n)).all():
+        n, counts = len(self.lost), np.empty(0, dtype=np.int64)
+        with contextlib.suppress(ValueError):  # A number is negative.
+            counts = np.bincount(self.labels - NO_REGION, minlength=1 + n)[1:]
+        if len(counts) != n:
             raise InvalidArgumentError(f"labels of regions must be from {NO_REGION} to {n - 1}")
-        counts: IntArray = np.bincount(self.labels - NO_REGION, minlength=1 + n)[1:]
         return counts
 
 
@@ -145,10 +147,9 @@ class RegionBounds:
     few: float
 
 
-Labelled = tuple[IntArray, IntArray, IntArray, IntArray]
+Labelled = tuple[IntArray, IntArray, IntArray]
 """The region that each candidate of a surface lies in, or `NO_REGION`, shape (N,); of each contact,
-the number of candidates in its region, the `Limit` that leaves it an empty or tiny region, and the
-cause of that, shape (n,) each."""
+the `Limit` that leaves it an empty or tiny region, and the cause of that, shape (n,) each."""
 
 LabelCandidates = Callable[[RegionBounds], Labelled]
 """Labels the candidates of a surface; the reference is `label_candidates`."""
@@ -212,15 +213,13 @@ def compute_safe_regions(
     if label is None:
         nhat = constraints.nhat_OQ if len(constraints.nhat_OQ) else np.zeros((N, 3))
         label = partial(label_candidates, p_OQ, nhat)
-    labels, counts, limits, causes = label(bounds)
-    regions = SafeRegions(labels, h == -np.inf, limits, causes, constraints)
-    vars(regions)["counts"] = counts  # Fills the cached property,
-    labels.flags.writeable = False  # which holds for these labels only.
-    return regions
+    labels, limits, causes = label(bounds)
+    labels.flags.writeable = False  # They are counted once.
+    return SafeRegions(labels, h == -np.inf, limits, causes, constraints)
 
 
 def label_candidates(q: FloatArray, nhat: FloatArray, bounds: RegionBounds) -> Labelled:
-    """Labels candidates, and counts them by their region.
+    """Labels candidates, and tells what leaves regions tiny.
 
     The cells are the left side of Eq. 1. Subtracting |q|² and halving,
 
@@ -252,7 +251,7 @@ def label_candidates(q: FloatArray, nhat: FloatArray, bounds: RegionBounds) -> L
     counts = np.bincount(labels - NO_REGION, minlength=1 + n)[1:]
     for i in np.flatnonzero((counts < bounds.few) & (h > -np.inf)).tolist():
         limits[i], causes[i] = _limit_of_region(i, q, nhat, cells, bounds)
-    return labels, counts, limits, causes
+    return labels, limits, causes
 
 
 def point_half_spaces(

@@ -1,7 +1,5 @@
 """Tests for candidates on the contact's own side of a thin wall."""
 
-from functools import lru_cache
-
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
@@ -20,8 +18,6 @@ at most 1.4 around the edge of a box, 2 between opposite faces of a cube, and mo
 
 _LINK = 2.0
 """Longest link of the surface's graph, in mean distances of candidates."""
-
-_REMEMBERED = 100  # Candidates whose paths are kept: contacts mostly stay near the same ones.
 
 
 def normals_agree(nhat_OC: FloatArray, normals: FloatArray) -> BoolArray:
@@ -52,16 +48,10 @@ class SurfaceGraph:
         pairs = pairs[cosines >= OPPOSITE]
         lengths = np.linalg.norm(surface.p_OQ[pairs[:, 0]] - surface.p_OQ[pairs[:, 1]], axis=1)
         count = len(surface.p_OQ)
-        self._paths_from = lru_cache(maxsize=_REMEMBERED)(self._find_paths)
         # A length of zero would be no link.
         self._links = csr_array(
             (np.maximum(lengths, 1e-12), (pairs[:, 0], pairs[:, 1])), shape=(count, count)
         )
-
-    def _find_paths(self, start: int) -> FloatArray:
-        """Returns the lengths of the shortest paths from a candidate to all others, shape (N,)."""
-        paths: FloatArray = dijkstra(self._links, directed=False, indices=start)
-        return paths
 
     def near_over_the_surface(self, p_OC: FloatArray, nhat_OC: FloatArray) -> BoolArray:
         """Returns the mask of candidates with a short path over the surface, shape (n, N).
@@ -74,6 +64,6 @@ class SurfaceGraph:
         # Paths start at the nearest candidate on the contact's own side.
         penalty = np.where(normals_agree(nhat_OC, self._normals), 0.0, np.inf)
         starts = np.argmin(straight + penalty, axis=1)
-        paths = np.array([self._paths_from(int(start)) for start in starts])
+        paths = dijkstra(self._links, directed=False, indices=starts)
         near: BoolArray = paths <= _DETOUR * straight + _LINK * self._spacing
         return near

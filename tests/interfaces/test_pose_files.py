@@ -348,7 +348,7 @@ def test_rows_that_share_pages_are_counted(tmp_path, monkeypatch):
     )
     (bag / "x.db3").write_bytes(data[: page * (int.from_bytes(starts[1]) - 1)])
     read = []
-    monkeypatch.setattr(pose_files, "_poses", lambda message: read.append(message) or [])
+    monkeypatch.setattr(pose_files, "_poses", lambda message, _: read.append(message) or [])
     monkeypatch.setattr(pose_files, "MAX_BAG_BYTES", rows * size)
     with pytest.raises(InvalidArgumentError, match="has no messages"):
         read_poses(bag)

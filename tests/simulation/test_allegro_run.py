@@ -17,7 +17,6 @@ from drake_pregrasp import (
     make_diagram,
 )
 from drake_pregrasp.cli import main
-from drake_pregrasp.diagrams import directive_files
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.robots import robot_data
 from drake_pregrasp.systems.palm_frames import pose_error
@@ -190,7 +189,6 @@ def test_a_box_that_is_too_long_for_the_opening_is_refused(allegro_panda):
 
 def test_without_the_extra_a_line_says_what_to_install(monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(directive_files, "_copies", {})  # Made while the package was there.
     monkeypatch.setattr(robot_data, "PACKAGE", "example-robot-data-that-is-not-there")
     assert main(["run", NAME]) == 2
     (line,) = capsys.readouterr().err.splitlines()

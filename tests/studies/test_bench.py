@@ -11,7 +11,6 @@ import pandas as pd
 import pytest
 
 from drake_pregrasp import ScenarioError, shipped_scenarios
-from drake_pregrasp.diagrams import directive_files
 from drake_pregrasp.robots import robot_data
 from drake_pregrasp.studies.bench import bench as bench_module
 from drake_pregrasp.studies.bench import run_times, tick_times
@@ -121,7 +120,6 @@ def test_ticks_at_which_a_hand_holds_contacts_do_not_count(monkeypatch):
 
 
 def test_only_scenarios_that_lack_an_extra_are_left_out(monkeypatch):
-    monkeypatch.setattr(directive_files, "_copies", {})  # Made while the package was there.
     monkeypatch.setattr(robot_data, "PACKAGE", "not-installed")
     (row,) = time_run(RunJob("arm", "grasp_allegro_panda"))
     assert row["run"] == "arm"

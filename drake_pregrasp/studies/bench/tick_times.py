@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -157,7 +156,6 @@ def _printed_tick(surface: ObjectSurface, config: PlannerConfig) -> Tick:
     return tick
 
 
-@lru_cache(maxsize=1)
 def make_scene(scene: Scene) -> tuple[ObjectSurface, Obstacles | None, FloatArray]:
     """Returns a surface, obstacles, and initial contacts in O, shape (`NUM_SETS`, n, 3)."""
     rng = np.random.default_rng(0)
