@@ -26,6 +26,8 @@ from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.config.validation import is_scalar, scalar_problem
 from drake_pregrasp.interfaces import lcm, lcm_status
 from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.studies.measures import MEASURES
+from drake_pregrasp.studies.study_config import Condition, Method, PairedTest, StudyConfig
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "docs" / "reference"
@@ -170,6 +172,36 @@ def key_pages() -> dict[str, str]:
         "scenario_keys.md": "\n\n".join(scenario) + "\n",
         "hand_keys.md": "\n\n".join(hand) + "\n",
     }
+
+
+def study_page() -> str:
+    """Returns the page of the keys and measures of studies."""
+    sections = []
+    for schema in (StudyConfig, Condition, Method, PairedTest):
+        rows, comments = ["| key | meaning | default |", "|---|---|---|"], field_comments(schema)
+        for field in dataclasses.fields(schema):
+            required = field.metadata.get("required")
+            default = "required" if required else default_of(field).replace("`{}`", "empty")
+            rows.append(f"| `{field.name}` | {comments[field.name]} | {default} |")
+        summary = (schema.__doc__ or "").removeprefix("Schema of ").partition(". ")[0].rstrip(".")
+        title = re.sub(r"(?<=[a-z])[A-Z]", lambda m: f" {m[0].lower()}", schema.__name__)
+        sections += [f"## {title.removesuffix(' config')}"]
+        sections += [f"{summary[0].upper()}{summary[1:]}.", "\n".join(rows)]
+    measures = [f"| `{name}` | {label} |" for name, label in MEASURES.items()]
+    return (
+        "\n\n".join(
+            [
+                "# Study keys",
+                "All keys of a study's file, and the measures that it may name; "
+                "[Studies](../studies.md) shows how to use them.",
+                MADE.format("the dataclasses and measures of studies"),
+                *sections,
+                "## Measures",
+                "\n".join(["| measure | label |", "|---|---|", *measures]),
+            ]
+        )
+        + "\n"
+    )
 
 
 # Ports.
@@ -341,6 +373,7 @@ def pages() -> dict[str, str]:
     """Returns the text of each page by its name."""
     return {
         **key_pages(),
+        "study_keys.md": study_page(),
         "ports.md": ports_page(),
         "commands.md": commands_page(),
         "api.md": api_page(),

@@ -88,9 +88,10 @@ class StudyConfig:
     # Changes of a run whose hand has no grasp of the object; without any, the run is refused.
     otherwise: dict[str, Any] = field(default_factory=dict)
 
-    # Conditions (`Condition`) and methods (`Method`) by their keys: the rows and the columns of the
-    # report's tables.
+    # Conditions by their keys: the rows of the report's tables.
     conditions: dict[str, Any] = field(default_factory=dict)
+
+    # Methods by their keys: the columns of the report's tables.
     methods: dict[str, Any] = field(default_factory=dict)
 
     # Axes whose combinations are all run, besides those of conditions and methods. An entry maps a
@@ -103,19 +104,22 @@ class StudyConfig:
     # `fields: [...]`, it maps a name to several fields with the same value.
     random: dict[str, Any] = field(default_factory=dict)
 
-    # Number of seeds, and the first one. A seed is the `random_seed` of the scenario, and draws the
-    # random axes. All conditions, methods and points of the grid have the same seeds.
+    # Number of seeds. A seed is the `random_seed` of the scenario, and draws the random axes. All
+    # conditions, methods and points of the grid have the same seeds.
     seeds: int = field(default=1, metadata={"at_least": 1, "at_most": MOST_RUNS})
+
+    # First seed; the others follow.
     first_seed: int = field(default=0, metadata={"at_least": 0, "at_most": MAX_SEED})
 
     # Closing times of conditions that have none of their own.
     closing_times: list[float] = field(default_factory=list, metadata=_TIMES)
 
-    # Measures in each row, by their names in `measures.py`; and those of them in figures and
-    # tables of the axes, by default all.
+    # Measures in each row.
     measures: list[str] = field(
         default_factory=lambda: list(DEFAULT_MEASURES), metadata={"min_length": 1}
     )
+
+    # Those of the measures in figures and tables of the axes; by default all.
     figures: list[str] = field(default_factory=list)
 
     # Paired tests of the methods.
