@@ -50,7 +50,7 @@ def make_gallery(out: str | Path, *, on_progress: OnProgress = lambda done, tota
     draw = functools.partial(_draw, folder=folder / "gallery")
     run_jobs(draw, jobs, on_progress=on_progress)
     parts: list[Part] = [
-        "    .venv/bin/drake-pregrasp study gallery",
+        "    .venv/bin/drake-pregrasp gallery",
         "This command makes the pictures. Each row shows a scenario at its start, half-way and at"
         " its end, from a camera that is fixed in the world. A region has the colour of its"
         " contact; grey surface is in no region. Brown obstacles are bodies, translucent ones are"
