@@ -6,7 +6,6 @@ a copy only: an XML tree of elements and attributes on a list, and meshes that a
 
 import hashlib
 import math
-import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -346,7 +345,14 @@ class _Copier:
                 self._totals.counts["visual triangles"] += faces
         except (InvalidArgumentError, OSError) as error:
             raise self._error(f"names {name}: {error}") from error
-        written = write_obj(pieces, Path(tempfile.mkdtemp(dir=copies_folder())) / "mesh.obj")
+        # Equal files share a copy: a hand may be read many times in a process.
+        content = b"".join(
+            file.name.encode() + file.read_bytes() for file in files if file.is_file()
+        )
+        written = Path(copies_folder()) / hashlib.sha256(content).hexdigest() / "mesh.obj"
+        if not written.is_file():
+            written.parent.mkdir(exist_ok=True)
+            write_obj(pieces, written)
         self._totals.faces[written.as_uri()] = faces
         return written
 

@@ -105,6 +105,14 @@ def test_a_mesh_keeps_its_vertices_and_its_colour(tmp_path, suffix):
         assert "Kd 1 0 0" in library.read_text()
 
 
+def test_equal_meshes_share_a_copy(tmp_path):
+    model = write(tmp_path, MJCF, "own.xml")
+    first = checked_copy(model).text
+    assert checked_copy(model).text == first
+    trimesh.creation.box([1, 1, 1]).export(tmp_path / "parts" / "ball.obj")
+    assert checked_copy(model).text != first
+
+
 def test_what_is_outside_of_allowed_folders_is_not_copied(tmp_path):
     model = write(tmp_path, MJCF, "own.xml")
     with pytest.raises(InvalidArgumentError, match="is outside of"):
