@@ -69,7 +69,7 @@ class GraspConfig:
     closing_speed: float = field(default=0.04, metadata=_LENGTH)
 
     # Smallest force that counts as touch, in newtons.
-    touch_force: float = field(default=0.35, metadata=_FORCE)
+    touch_force: float = field(default=0.2, metadata=_FORCE)
 
     # Smallest normal force of each finger in the squeeze, in newtons.
     least_force: float = field(default=2.5, metadata=_FORCE)
@@ -171,7 +171,7 @@ class GraspConfig:
     def latest_rest(self, fingertips: Sequence[Fingertip] = ()) -> float:
         """Returns the time until which the hand follows the object's motion, in seconds.
 
-        Fingers that regroup because the object leaves them behind need longer.
+        An object that is not where it is estimated delays this.
 
         The hand stops for the lift after it has waited for its fingers, closed and squeezed.
         """

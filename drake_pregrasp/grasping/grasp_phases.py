@@ -21,6 +21,7 @@ from drake_pregrasp.grasping.grasp_state import (
     Ramp,
     Squeeze,
 )
+from drake_pregrasp.grasping.touch_correction import is_settled, limited_offset, touch_correction
 
 GATE_SHARE = 0.5
 """Share of the largest imbalance that is allowed before closing, as contacts may still shift."""
@@ -28,7 +29,10 @@ GATE_SHARE = 0.5
 CRUSHING = 1.3
 """Ratio of force to largest planned force at which a hand opens; measured forces are rough."""
 
-_EASING = 0.2  # Share of the closing speed with which fingers give up their strain.
+_STRAIN = 0.002  # Depth to which a finger that touches presses, within the limit of its force.
+_EASING = 0.2  # Share of the closing speed with which fingers give up this strain.
+
+_FOLLOWS = 0.25  # Share of the commanded force with which a finger follows the squeeze.
 
 
 def grasp_problem(
@@ -84,13 +88,8 @@ def next_state(
             return _track(state, view, settings, squeeze)
         case GraspPhase.CLOSE:
             return _close(state, view, settings, period, squeeze)
-        case GraspPhase.SQUEEZE if state.force.is_over(view.time):
-            lift = Ramp(view.time, settings.lift_duration, 0.0, settings.lift_height)
-            return replace(_enter(state, GraspPhase.LIFT, view), height=lift)
-        case GraspPhase.SQUEEZE:  # The strain of the touch fades; planned forces replace it.
-            strain = np.nan_to_num(view.gaps - state.standoffs)
-            eased = np.clip(strain, 0.0, _EASING * settings.closing_speed * period)
-            return replace(state, standoffs=state.standoffs + np.where(state.active, eased, 0.0))
+        case GraspPhase.SQUEEZE:
+            return _squeeze(state, view, settings, period)
         case GraspPhase.LIFT if state.height.is_over(view.time):
             return _enter(state, GraspPhase.HOLD, view)
         case GraspPhase.BACK_OFF:
@@ -128,7 +127,6 @@ def _open(state: GraspState, view: GraspView, reason: GiveUp, detail: float) -> 
         reason=reason,
         detail=detail,
         height=Ramp.at_rest(state.height.value(view.time)),
-        force=Ramp.at_rest(state.force.value(view.time)),
     )
 
 
@@ -185,46 +183,79 @@ def _close(
     period: float,
     squeeze: Callable[[BoolArray], Squeeze],
 ) -> GraspState:
-    off = np.where(state.active, view.distances, 0.0)
-    # Fingers that an accelerating object has left behind move out and regroup.
-    regroups = not np.all(off <= settings.gate_distance)
+    """Moves fingers in until they touch, and the frame G to where they touch the object.
+
+    The squeeze begins once G rests, fingers that balance the weight touch the surface there, and
+    the others have searched for it in vain.
+    """
+    touched_before, elapsed = state.touched, view.time - state.since
+    state, is_settled = _moved_by_touch(state, view, settings, period)
+    touched = state.touched & (view.surface_gaps <= settings.search)
+    ready = (touched & touched_before) | (state.standoffs <= -np.asarray(settings.search))
+    is_over = elapsed > settings.closing_duration + settings.correction_limit
+    if not is_over and not (is_settled and np.all(ready | ~state.active)):
+        return state
+    planned = None
+    if np.sum(touched) >= settings.least_fingers:
+        planned = squeeze(touched)
+        if planned.residual <= settings.imbalance:
+            return replace(
+                _enter(state, GraspPhase.SQUEEZE, view),
+                gripped=view.time,
+                active=touched,
+                forces=planned.forces,
+                internal=planned.internal,
+            )
+    missing = np.flatnonzero(state.active & ~touched)
+    if planned is not None and not len(missing):
+        return _open(state, view, planned.lack, planned.residual)
+    return _open(state, view, GiveUp.MET_NOTHING, float(missing[0])) if is_over else state
+
+
+def _moved_by_touch(
+    state: GraspState, view: GraspView, settings: GraspSettings, period: float
+) -> tuple[GraspState, bool]:
+    """Returns the state with the next standoffs and the next offset of G, and whether G rests.
+
+    A finger that touches stays where it is in W while G moves. One that is off its goal because G
+    has moved along the surface moves out, and touches again at its goal.
+    """
     least = np.where(state.touched, RELEASE_SHARE, 1.0) * settings.touch_force
-    feels = (view.presses >= least) & (view.gaps <= settings.search)
-    touched = state.active & feels & (not regroups)
+    farthest = settings.standoff + np.asarray(settings.search)
+    behind = ~(view.distances <= settings.gate_distance)
+    feels = (view.presses >= least) & (np.abs(view.gaps) <= farthest)
+    touched = state.active & feels & ~behind
     elapsed = view.time - state.since
     speed = np.minimum(settings.closing_speed, settings.closing_acceleration * elapsed)
-    ahead = state.standoffs + (period if regroups else -period) * speed
-    # A finger that meets the object stops, and keeps pressing without a large strain.
-    met = np.maximum(state.standoffs, view.gaps - settings.gate_distance / 2)
-    standoffs = np.where(touched, met, np.minimum(ahead, settings.standoff))
+    change = touch_correction(view.surface_gaps, view.rows, touched)
+    offset = limited_offset(state.offset, change, float(np.min(speed)) * period)
+    met = np.maximum(state.standoffs, view.gaps - _STRAIN)
+    stays = met - view.rows @ (offset - state.offset)
+    ahead = state.standoffs + np.where(behind, period, -period) * speed
+    standoffs = np.where(touched, stays, np.minimum(ahead, settings.standoff))
     standoffs = np.maximum(standoffs, -np.asarray(settings.search))
-    state = replace(
-        state, touched=touched, standoffs=np.where(state.active, standoffs, state.standoffs)
-    )
-    missing = np.flatnonzero(state.active & ~touched)
-    if not len(missing):
-        return _begin_squeeze(state, view, settings, squeeze)
-    if elapsed > settings.closing_duration + settings.regroup_limit:
-        why = (GiveUp.OFF_GOAL, np.argmax(off)) if regroups else (GiveUp.MET_NOTHING, missing[0])
-        return _open(state, view, why[0], float(why[1]))
-    return state
+    standoffs = np.where(state.active, standoffs, state.standoffs)
+    moved = replace(state, touched=touched, standoffs=standoffs, offset=offset)
+    return moved, is_settled(change)
 
 
-def _begin_squeeze(
-    state: GraspState,
-    view: GraspView,
-    settings: GraspSettings,
-    squeeze: Callable[[BoolArray], Squeeze],
+def _squeeze(
+    state: GraspState, view: GraspView, settings: GraspSettings, period: float
 ) -> GraspState:
-    planned = squeeze(state.active)
-    if planned.residual > settings.imbalance:
-        return _open(state, view, planned.lack, planned.residual)
-    return replace(
-        _enter(state, GraspPhase.SQUEEZE, view),
-        gripped=view.time,
-        forces=planned.forces,
-        force=Ramp(view.time, settings.squeeze_duration, 0.0, 1.0),
-    )
+    """Increases the forces together, while all fingers follow, and then lifts."""
+    if state.share < 1:
+        # The strain of the touch fades; planned forces replace it.
+        strain = np.nan_to_num(view.gaps - state.standoffs)
+        eased = np.clip(strain, 0.0, _EASING * settings.closing_speed * period)
+        standoffs = state.standoffs + np.where(state.active, eased, 0.0)
+        behind = np.flatnonzero(state.active & (view.presses < _FOLLOWS * view.wanted))
+        rise = 0.0 if len(behind) else period / settings.squeeze_duration
+        longest = settings.squeeze_duration + settings.squeeze_limit
+        if len(behind) and view.time - state.since > longest:
+            return _open(state, view, GiveUp.LOST_TOUCH, float(behind[0]))
+        return replace(state, share=min(1.0, state.share + rise), standoffs=standoffs)
+    lift = Ramp(view.time, settings.lift_duration, 0.0, settings.lift_height)
+    return replace(_enter(state, GraspPhase.LIFT, view), height=lift)
 
 
 def _back_off(
@@ -236,18 +267,14 @@ def _back_off(
     hand that had gripped the object stays up.
     """
     now = view.time
-    if not state.height.is_over(now) or not state.force.is_over(now):
+    if not state.height.is_over(now):
         return state
     height = state.height.value(now)
-    if state.force.value(now) > 0 or np.any(state.touched):
+    if state.share > 0 or np.any(state.touched):
         if height > 0:
             return replace(state, height=Ramp(now, settings.lift_duration, height, 0.0))
-        share = state.force.value(now)
-        return replace(
-            state,
-            force=Ramp(now, settings.squeeze_duration / 2, share, 0.0),
-            touched=np.zeros_like(state.touched),
-        )
+        share = max(0.0, state.share - 2 * period / settings.squeeze_duration)
+        return replace(state, share=share, touched=np.zeros_like(state.touched))
     opened = np.minimum(settings.standoff, state.standoffs + settings.closing_speed * period)
     if np.any(opened < settings.standoff):
         return replace(state, standoffs=opened)
@@ -257,4 +284,5 @@ def _back_off(
     if view.close or np.isfinite(state.gripped):
         return replace(state, standoffs=opened)
     down = Ramp(now, settings.approach_duration, height, 0.0)
-    return replace(_enter(state, GraspPhase.APPROACH, view), height=down, standoffs=opened)
+    state = replace(_enter(state, GraspPhase.APPROACH, view), height=down, standoffs=opened)
+    return replace(state, offset=np.zeros(3))

@@ -121,23 +121,23 @@ class GraspSettings:
         approach_height: Height above the tracking height at which the hand starts.
         approach_duration: Duration of the motion down to the tracking height.
         standoff: Gap between fingertips and object while tracking.
-        gate_distance: Largest distance of each active finger from its goal when the hand closes,
-            and until all fingers touch.
+        gate_distance: Largest distance of each active finger from its goal when the hand closes.
         gate_limit: Longest time for which the hand waits for the fingers to be at their goals, and
             for enough fingers whose forces can balance the weight. After it, fingers that are off
             their goals take no part.
         closing_speed: Speed of the fingertips along the normals.
         closing_acceleration: Acceleration of the fingertips, in m/s², small enough that their
             inertia is not measured as touch.
-        regroup_limit: Longest time by which fingers that regroup may delay the touch of all.
-        search: Largest distance from the estimated surface at which a fingertip may meet the
-            object. Forces farther outside are the fingertip's own inertia. A finger does not search
-            farther inside.
+        correction_limit: Longest time by which an object that is not where it is estimated may
+            delay the touch of all fingers.
+        search: Depth below the surface to which a fingertip searches for the object, and the
+            largest distance from the surface at which fingers that touch may start to squeeze.
         touch_force: Least normal force that counts as touch.
         least_fingers: Least number of active fingers before closing.
         least_force: Least normal force of each finger in the squeeze.
         largest_force: Largest normal force of any finger.
-        squeeze_duration: Duration of the increase of forces.
+        squeeze_duration: Shortest duration of the increase of forces.
+        squeeze_limit: Longest time by which fingers that press too little may delay the squeeze.
         imbalance: Largest residual of a squeeze's balance of forces.
         stop_duration: Duration of the hand's deceleration to rest when it lifts.
         lift_height: Height of the lift.
@@ -157,9 +157,10 @@ class GraspSettings:
     approach_duration: float = 1.5
     gate_distance: float = 0.004
     closing_acceleration: float = 0.4
-    regroup_limit: float = 2.3
+    correction_limit: float = 2.3
     least_fingers: int = 3
     squeeze_duration: float = 0.5
+    squeeze_limit: float = 1.0
     imbalance: float = 0.2
     stop_duration: float = 0.3
 
@@ -228,11 +229,14 @@ class GraspState:
         gripped: Time in seconds at which all fingers had touched, after which the hand no longer
             follows the estimate; infinite before.
         height: Height of the hand above the tracking height, in metres over time.
-        force: Applied share of the squeeze, from 0 to 1, over time.
+        share: Applied share of the squeeze, from 0 to 1.
+        offset: Correction of the estimated object by touch: horizontal displacement of its centre
+            of mass in W in metres, and turn about the vertical in radians, shape (3,).
         standoffs: Commanded gap between each fingertip and the object, shape (n,), in metres.
         active: Whether each finger takes part, shape (n,), fixed when the hand closes.
         touched: Whether each finger touches the object, shape (n,), until all of them do.
         forces: Planned forces of the fingers on the object, in O, shape (n, 3), in newtons.
+        internal: Their internal part, which exerts no wrench, shape (n, 3), in newtons.
     """
 
     phase: int
@@ -242,11 +246,13 @@ class GraspState:
     detail: float
     gripped: float
     height: Ramp
-    force: Ramp
+    share: float
+    offset: FloatArray
     standoffs: FloatArray
     active: BoolArray
     touched: BoolArray
     forces: FloatArray
+    internal: FloatArray
 
     @staticmethod
     def first(num_fingers: int, settings: GraspSettings) -> "GraspState":
@@ -259,11 +265,13 @@ class GraspState:
             detail=0.0,
             gripped=np.inf,
             height=Ramp(0.0, settings.approach_duration, settings.approach_height, 0.0),
-            force=Ramp.at_rest(0.0),
+            share=0.0,
+            offset=np.zeros(3),
             standoffs=np.full(num_fingers, settings.standoff, dtype=float),
             active=np.zeros(num_fingers, dtype=bool),
             touched=np.zeros(num_fingers, dtype=bool),
             forces=np.zeros((num_fingers, 3)),
+            internal=np.zeros((num_fingers, 3)),
         )
 
     @property
@@ -271,48 +279,44 @@ class GraspState:
         """Whether contacts are fixed on the object."""
         return self.phase >= GraspPhase.CLOSE
 
-    def fingers_hold(self, share: float) -> BoolArray:
-        """Returns whether each finger holds its contact, or closes on it, shape (n,).
+    @property
+    def fingers_hold(self) -> BoolArray:
+        """Whether each finger holds its contact, or closes on it, shape (n,).
 
         A hand that backs off holds with all active fingers while forces decrease, and then with
         the fingers that still touch.
-
-        Args:
-            share: Present value of `force`.
         """
         if not self.holds_contacts:
             return np.zeros_like(self.active)
-        if self.phase < GraspPhase.BACK_OFF or share > 0:
+        if self.phase < GraspPhase.BACK_OFF or self.share > 0:
             return self.active
         return self.active & self.touched
 
-    def force_limits(self, share: float, touch_force: float) -> FloatArray:
+    def force_limits(self, touch_force: float) -> FloatArray:
         """Returns the largest horizontal force of each finger, shape (n,), in newtons.
 
         Until the squeeze is complete, and while a hand that has not gripped backs off, fingers
         press with little more than they should.
 
         Args:
-            share: Present value of `force`.
             touch_force: Least normal force that counts as touch.
         """
         has_let_go = self.phase == GraspPhase.BACK_OFF and np.isinf(self.gripped)
         if self.phase not in (GraspPhase.CLOSE, GraspPhase.SQUEEZE) and not has_let_go:
             return np.full(len(self.active), NO_LIMIT)
-        planned = share * norms(self.forces)
+        planned = self.share * norms(self.forces)
         return np.where(self.active, planned + GENTLE * touch_force, NO_LIMIT)
 
-    def applied_share(self, share: float, touch_force: float) -> float:
+    def applied_share(self, touch_force: float) -> float:
         """Returns the share of the planned forces with which fingers press.
 
         While they touch, it is at least the one with which each presses with the touch force: the
         forces of the touch, in balance.
 
         Args:
-            share: Present value of `force`.
             touch_force: Least normal force that counts as touch.
         """
-        least = np.min(norms(self.forces), where=self.active, initial=np.inf)
+        least, share = np.min(norms(self.internal), where=self.active, initial=np.inf), self.share
         if not self.touched.any() or not 0 < least < np.inf:
             return share
         return share + (1 - share) * min(1.0, touch_force / float(least))
@@ -341,6 +345,11 @@ class GraspView:
         gaps: Gap between each fingertip and the surface at its contact, shape (n,), in metres.
         presses: Normal force of each fingertip on the object, shape (n,), in newtons; ignored until
             the hand closes.
+        wanted: Normal force with which each fingertip should press, shape (n,), in newtons.
+        surface_gaps: Gap between each fingertip and the nearest point of the surface, shape (n,),
+            in metres; ignored until the hand closes.
+        rows: Displacement of the surface along its normal there by a unit change of
+            `GraspState.offset`, shape (n, 3); ignored until the hand closes.
         is_tracked: Whether the object is tracked.
         blocked: Index of the finger that stops the hand, `BASE`, or `NOT_BLOCKED`.
     """
@@ -351,6 +360,9 @@ class GraspView:
     distances: FloatArray
     gaps: FloatArray
     presses: FloatArray
+    wanted: FloatArray
+    surface_gaps: FloatArray
+    rows: FloatArray
     is_tracked: bool = True
     blocked: int = NOT_BLOCKED
 
@@ -362,10 +374,12 @@ class Squeeze(NamedTuple):
         forces: Forces on the object in the frame of the contacts, shape (n, 3), in newtons.
         residual: Norm of the unbalanced wrench, in newtons, with torques divided by the longest
             lever arm.
+        internal: Their internal part, which exerts no wrench, shape (n, 3), in newtons.
         lack: Reason of an imbalance: the limit without which the forces would balance, or
             `OUT_OF_BALANCE` if there is no such limit.
     """
 
     forces: FloatArray
     residual: float
+    internal: FloatArray
     lack: GiveUp = GiveUp.OUT_OF_BALANCE

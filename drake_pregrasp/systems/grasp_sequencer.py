@@ -16,6 +16,7 @@ from drake_pregrasp.arrays import BoolArray, FloatArray, norms, pack, unpacker, 
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.hand_description import Fingertip
 from drake_pregrasp.config.validation import checked
+from drake_pregrasp.geometry.rotations import rotation_matrix
 from drake_pregrasp.geometry.solids import SignedDistance
 from drake_pregrasp.grasping.grasp_phases import next_state
 from drake_pregrasp.grasping.grasp_state import (
@@ -244,24 +245,35 @@ class GraspSequencer(LeafSystem):
     def _calc_near(self, context: Context) -> HeldMotion:
         """Returns the motion of G, no farther from the estimate than the tether."""
         motion: HeldMotion = self._held.Eval(context)
-        _, _, p_WO, is_tracked = self._pose.eval(context)
+        _, R_WO, p_WO, is_tracked = self._pose.eval(context)
         follows = is_tracked and self._memory.Eval(context).stands
-        return motion.within(p_WO, TETHER) if follows else motion
+        if not follows:
+            return motion
+        offset = self._memory.Eval(context).state.offset
+        return motion.within(self._corrected(R_WO, p_WO, offset)[1], TETHER)
+
+    def _corrected(
+        self, R_WO: FloatArray, p_WO: FloatArray, offset: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Returns orientation and position of the object after a correction by touch."""
+        x, y, yaw = offset
+        turn, p_OCoM_W = rotation_matrix(yaw * _UP), R_WO @ self._p_OCoM
+        p_WO = p_WO + p_OCoM_W - turn @ p_OCoM_W  # The object turns about its centre of mass.
+        return turn @ R_WO, p_WO + np.array([x, y, 0.0])
 
     def _calc_command(self, context: Context) -> GraspCommand:
         memory: _Memory = self._memory.Eval(context)
         state, time, settings = memory.state, context.get_time(), self._settings
         _, R_WO, p_WO, is_tracked = self._pose.eval(context)
         V_WO = ports.validated_velocity(self._V_WO.Eval(context))
-        R_WG, p_WG, V_WG = R_WO, p_WO, V_WO
+        (R_WG, p_WG), V_WG = self._corrected(R_WO, p_WO, state.offset), V_WO
         half = self._config.period / 2
         if memory.is_gripped:
             motion: HeldMotion = self._near.Eval(context)
             R_WG, p_WG, V_WG = motion.R_WG, motion.p_WG, motion.V_WG
             if not memory.stands:
                 V_WG = memory.last.stopping(time + half, settings.stop_duration).V_WG
-        share = state.force.value(time)
-        axis = self._lift_axis if share > 0 else self._palm_axis
+        axis = self._lift_axis if state.share > 0 else self._palm_axis
         return GraspCommand(
             R_WO=R_WO,
             p_WO=p_WO,
@@ -272,9 +284,9 @@ class GraspSequencer(LeafSystem):
             is_tracked=is_tracked,
             holds_contacts=state.holds_contacts,
             standoffs=state.standoffs,
-            fingers_hold=state.fingers_hold(share),
-            f_T_W=self._fingertip_forces(context, share, R_WG),
-            force_limits=state.force_limits(share, settings.touch_force),
+            fingers_hold=state.fingers_hold,
+            f_T_W=self._fingertip_forces(context, R_WG),
+            force_limits=state.force_limits(settings.touch_force),
         )
 
     def _calc_X_WG(self, context: Context) -> RigidTransform:
@@ -284,7 +296,7 @@ class GraspSequencer(LeafSystem):
     def _calc_V_WO_held(self, context: Context) -> SpatialVelocity:
         memory: _Memory = self._memory.Eval(context)
         state, time = memory.state, context.get_time()
-        if not memory.sticks or state.force.value(time) == 0:
+        if not memory.sticks or state.share == 0:
             return SpatialVelocity(np.full(6, np.nan))
         w_WG, v_WG = self._held.Eval(context).V_WG
         return SpatialVelocity(w=w_WG, v=v_WG + state.height.rate(time) * self._lift_axis)
@@ -306,10 +318,19 @@ class GraspSequencer(LeafSystem):
         state, command = memory.state, self._command.Eval(context)
         p_OC, nhat, active = self._contact_frames(context)
         p_GT = self._tips(context)
-        presses = np.zeros(len(p_OC))
+        gaps = np.add.reduce((p_GT - p_OC) * nhat, axis=1) - self._radius
+        presses, wanted = np.zeros((2, len(p_OC)))
+        surface_gaps, rows = gaps, np.zeros(p_OC.shape)
         if state.phase >= GraspPhase.CLOSE:  # Forces are slow to compute, and not used before.
             f_T_W = validated_numbers(self._f_T_W.Eval(context)).reshape(-1, 3)
-            presses = -np.sum(f_T_W @ command.R_WG * nhat, axis=1)
+            forces = np.array([f_T_W, command.f_T_W])
+            presses, wanted = -np.sum(forces @ command.R_WG * nhat, axis=2)
+            normals = nhat
+            if self._solid is not None:
+                centers, normals = self._solid.distance_and_gradient(p_GT)
+                surface_gaps = centers - self._radius
+            p_CoMT_W, normals_W = (p_GT - self._p_OCoM) @ command.R_WG.T, normals @ command.R_WG.T
+            rows = np.column_stack([normals_W[:, :2], np.cross(p_CoMT_W, normals_W)[:, 2]])
         p_GT_goal = p_OC + (self._radius + state.standoffs)[:, None] * nhat
         distances = norms(p_GT_goal - p_GT)
         close = float(self._close.Eval(context)[0])
@@ -322,8 +343,11 @@ class GraspSequencer(LeafSystem):
             close=math.isfinite(state.asked) if math.isnan(close) else close > 0.5,
             active=active & np.isfinite(distances),
             distances=distances,
-            gaps=np.add.reduce((p_GT - p_OC) * nhat, axis=1) - self._radius,
+            gaps=gaps,
             presses=presses,
+            wanted=wanted,
+            surface_gaps=surface_gaps,
+            rows=rows,
             is_tracked=command.is_tracked,
             blocked=blocked,
         )
@@ -337,7 +361,7 @@ class GraspSequencer(LeafSystem):
         motion: HeldMotion = self._near.Eval(context)
         if not memory.is_gripped:
             V_WB = _ON_TABLE * command.V_WO
-            motion = HeldMotion(view.time, command.R_WO, command.p_WO, V_WB, V_WB)
+            motion = HeldMotion(view.time, command.R_WG, command.p_WG, V_WB, V_WB)
         discrete_state.set_value(self._last, pack(motion))
         sticks = state.phase == GraspPhase.SQUEEZE
         sticking = p_GT_goal.ravel() if sticks else np.full(p_GT.size, np.nan)
@@ -353,7 +377,7 @@ class GraspSequencer(LeafSystem):
         forces, settings = np.zeros((len(active), 3)), self._settings
         R_WO = self._pose.eval(context).R_WO
         if not np.all(np.isfinite([p_OC, nhat])):
-            return Squeeze(forces, GRAVITY * self._mass)
+            return Squeeze(forces, GRAVITY * self._mass, forces)
         # A ramp of duration T over the height h accelerates by at most 6 h / T^2.
         lift = 6 * settings.lift_height / settings.lift_duration**2
         load_O = -self._mass * (GRAVITY * _UP + lift * self._lift_axis) @ R_WO
@@ -373,23 +397,24 @@ class GraspSequencer(LeafSystem):
         planned = plan(least_normal=settings.least_force)
         if planned.residual > settings.imbalance:  # The least force of a finger tips the object.
             planned = plan(least_normal=min(settings.least_force, 2 * settings.touch_force))
-        forces[active] = planned.forces
-        return planned._replace(forces=forces)
+        internal = forces.copy()
+        forces[active], internal[active] = planned.forces, planned.internal
+        return planned._replace(forces=forces, internal=internal)
 
-    def _fingertip_forces(self, context: Context, share: float, R_WG: FloatArray) -> FloatArray:
-        """Returns the forces that the fingertips should press with, in W, shape (n, 3)."""
+    def _fingertip_forces(self, context: Context, R_WG: FloatArray) -> FloatArray:
+        """Returns the forces that the fingertips should press with, in W, shape (n, 3).
+
+        On the table they balance each other; for the lift they take over the weight.
+        """
         state, last, *_, stands, _ = self._memory.Eval(context)
-        if share == 0 and not state.touched.any():
-            return np.zeros(state.forces.shape)
-        touch_force, on = self._settings.touch_force, state.active
+        touch_force = self._settings.touch_force
         if not state.forces.any():
             _, nhat, _ = self._contact_frames(context)
             pressed = np.where(state.touched[:, None] & np.isfinite(nhat), nhat, 0.0)
             return np.asarray(-touch_force * pressed @ R_WG.T)
-        planned = state.applied_share(share, touch_force) * state.forces @ R_WG.T
         lifted = 0.0 if stands else min(1.0, (context.get_time() - last.time) / _WEIGHT_DURATION)
-        planned[on, 2] -= (1 - lifted) * np.sum(planned[on, 2]) / max(1, np.sum(on))
-        return np.asarray(planned)
+        forces = state.internal + lifted * (state.forces - state.internal)
+        return np.asarray(state.applied_share(touch_force) * forces @ R_WG.T)
 
     def _calc_report(self, context: Context) -> list[float]:
         state: GraspState = self._memory.Eval(context).state

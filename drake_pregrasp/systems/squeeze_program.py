@@ -9,6 +9,7 @@ from scipy.linalg import block_diag
 
 from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.geometry.rotations import skew
 from drake_pregrasp.grasping.grasp_state import GiveUp, Squeeze
 from drake_pregrasp.quality.force_closure import torsional_friction_of
 from drake_pregrasp.quality.grasp_quality import contact_axes, contact_blocks, longest_arm
@@ -94,7 +95,8 @@ def plan_squeeze(
         GiveUp.NEEDS_FRICTION: np.array(friction),
     }
     f, residual = _solve(*balance, torques, least_normal, *limits.values())
-    squeeze = Squeeze(np.einsum("nij,nj->ni", R, f), residual)
+    forces = np.einsum("nij,nj->ni", R, f)
+    squeeze = Squeeze(forces, residual, internal_forces(p_CoMC, forces))
     if residual <= _IN_BALANCE:
         return squeeze
     for lack, limit in limits.items():
@@ -102,6 +104,23 @@ def plan_squeeze(
         if _solve(*balance, torques, least_normal, *without.values())[1] <= _IN_BALANCE:
             return squeeze._replace(lack=lack)
     return squeeze
+
+
+def internal_forces(p_CoMC: FloatArray, forces: FloatArray) -> FloatArray:
+    """Returns the nearest forces that exert no wrench, shape (n, 3), in newtons.
+
+    They are the projection (I - G⁺ G) f of the forces f on the null space of the grasp matrix G of
+    points without moments (Yoshikawa & Nagai, 1991).
+
+    Args:
+        p_CoMC: Lever arms from the centre of mass to the contacts, shape (n, 3), in metres.
+        forces: Forces at the contacts, in the frame of `p_CoMC`, shape (n, 3), in newtons.
+    """
+    arms = skew(p_CoMC / longest_arm(p_CoMC))
+    G = np.concatenate([np.broadcast_to(np.eye(3), arms.shape), arms], axis=1)
+    G = np.concatenate(G, axis=1)
+    external = np.linalg.pinv(G) @ (G @ forces.ravel())
+    return forces - external.reshape(-1, 3)
 
 
 def _solve(

@@ -23,7 +23,7 @@ def fingertips(speeds, depths):
 
 
 def balanced(active):
-    return Squeeze(np.zeros((N, 3)), 0.0)
+    return Squeeze(np.zeros((N, 3)), 0.0, np.zeros((N, 3)))
 
 
 def last_touch(config, tips, arrival=0.0, gap=None):
@@ -45,6 +45,9 @@ def last_touch(config, tips, arrival=0.0, gap=None):
             np.full(N, 1.0 * (tick * PERIOD < arrival)),
             state.standoffs,
             np.where(touches, settings.touch_force, 0.0),
+            np.zeros(N),
+            state.standoffs,
+            np.zeros((N, 3)),
         )
         state = next_state(state, view, settings, PERIOD, balanced)
         tick += 1

@@ -12,11 +12,11 @@ from drake_pregrasp.arrays import pack
 from drake_pregrasp.config.planner_config import filter_noise
 from drake_pregrasp.estimation.pose_belief import NO_MEASUREMENT, no_belief
 from drake_pregrasp.estimation.pose_track import PoseTrack
-from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState, Ramp
+from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
 
 FIRST = GraspState.first(N, SETTINGS)
 ALL = np.ones(N, dtype=bool)
-TOUCHED = replace(FIRST, phase=GraspPhase.CLOSE, active=ALL, touched=ALL, force=Ramp.at_rest(0.5))
+TOUCHED = replace(FIRST, phase=GraspPhase.CLOSE, active=ALL, touched=ALL, share=0.5)
 MODELS = len(filter_noise(EstimatorConfig()).densities)
 TRACK = replace(
     PoseTrack.empty(EstimatorConfig().late_measurements + 1, MODELS), V_held=np.zeros(6)

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import InvalidArgumentError
 from drake_pregrasp.grasping.grasp_state import GiveUp
-from drake_pregrasp.systems.squeeze_program import PREFERRED_SHARE, plan_squeeze
+from drake_pregrasp.systems.squeeze_program import PREFERRED_SHARE, internal_forces, plan_squeeze
 
 WEIGHT = np.array([0, 0, -4.0, 0, 0, 0])
 AROUND = 2 * np.pi * np.arange(5) / 5
@@ -43,12 +44,32 @@ def split(forces, nhat=OUTWARD):
 
 
 @few
-@given(heights, st.floats(0, 5))
+@given(heights.map(lambda z: z / 2), st.floats(0, 5))  # Not all heights up to 30 mm have a balance.
 def test_forces_balance_a_weight_from_all_sides(z, share):
-    forces, residual, _ = squeeze(raised(z), wrench=share * WEIGHT)
-    net = np.append(forces.sum(axis=0), np.cross(raised(z), forces).sum(axis=0))
+    forces, residual, *_ = squeeze(raised(z), wrench=share * WEIGHT)
+    net = wrench_of(raised(z), forces)
     assert residual < 1e-2
     np.testing.assert_allclose(net + share * WEIGHT, 0, atol=1e-2)
+
+
+def wrench_of(p, forces):
+    return np.append(forces.sum(axis=0), np.cross(p, forces).sum(axis=0))
+
+
+@few
+@given(heights, arrays(float, (5, 3), elements=st.floats(-5, 5)))
+def test_internal_forces_exert_no_wrench_and_are_what_is_left_without_it(z, forces):
+    p = raised(z)
+    internal = internal_forces(p, forces)
+    np.testing.assert_allclose(wrench_of(p, internal), 0, atol=1e-9)
+    np.testing.assert_allclose(internal_forces(p, internal), internal, atol=1e-9)
+    assert np.vdot(internal, forces - internal) == pytest.approx(0, abs=1e-9)
+
+
+def test_two_fingers_of_a_gripper_press_against_each_other():
+    p = np.array([[0.03, 0.0, 0.02], [-0.03, 0.0, 0.02]])
+    forces = np.array([[-5.0, 0.0, 1.0], [5.0, 0.0, 1.0]])
+    np.testing.assert_allclose(internal_forces(p, forces), forces * [1, 0, 0], atol=1e-9)
 
 
 @few

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.object_config import Conveyor
 from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState, describe_give_up
@@ -22,8 +21,8 @@ from drake_pregrasp.simulation.run_log import pose_values
 from drake_pregrasp.studies.grasps.failure_cause import failure_cause
 from drake_pregrasp.systems.loggers import GraspRecord
 
-TOUCHING_N = GraspConfig.touch_force
-"""Least force of a link that counts as touch, in newtons, the same as that of a fingertip.
+TOUCHING_N = 0.35
+"""Least force of a link that counts as touch, in newtons.
 
 To slide the object of the study over the turntable takes some six times as much.
 """

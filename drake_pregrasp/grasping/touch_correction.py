@@ -1,0 +1,56 @@
+"""Correction of an object's estimated pose by the fingertips that touch it."""
+
+import numpy as np
+
+from drake_pregrasp.arrays import BoolArray, FloatArray
+
+LARGEST_SHIFT, LARGEST_TURN = 0.03, 0.3
+"""Largest correction of the position, in metres, and of the yaw, in radians."""
+
+_STD = np.array([0.01, 0.01, 0.09])  # Of the estimate: x and y in metres, and yaw in radians.
+_TOUCH_STD = 0.001  # Of the gap of a fingertip that touches, in metres.
+
+
+def touch_correction(gaps: FloatArray, rows: FloatArray, touching: BoolArray) -> FloatArray:
+    """Returns the displacement of an object on which fingertips touch its surface, shape (3,).
+
+    A fingertip that touches at the gap g_i from the estimated surface says that the surface is
+    there. With the standard deviations σ of a gap and S of the estimate, it is the ξ = (x, y, yaw)
+    that minimizes
+
+        Σ (g_i - a_i ξ)²/σ² + |S⁻¹ ξ|²   over the fingertips i that touch.
+
+    It is zero without touch, and touches from opposite sides cancel.
+
+    Args:
+        gaps: Signed gaps between the fingertips and the estimated surface, shape (n,), in metres.
+        rows: Displacement a_i of the surface along the normal at each fingertip, by unit
+            displacements along x and y in metres and by unit yaw in radians, shape (n, 3).
+        touching: Mask of the fingertips that touch, shape (n,).
+    """
+    A = rows[touching] * _STD / _TOUCH_STD
+    scaled = np.linalg.solve(A.T @ A + np.eye(3), A.T @ gaps[touching] / _TOUCH_STD)
+    return np.asarray(_STD * scaled)
+
+
+def limited_offset(offset: FloatArray, change: FloatArray, step: float) -> FloatArray:
+    """Returns an offset (x, y, yaw) after a limited change, within the largest correction.
+
+    Args:
+        offset: Offset before, shape (3,), in metres and radians.
+        change: Desired change, shape (3,).
+        step: Largest length of the change in metres; yaw counts by the ratio of the estimate's
+            standard deviations.
+    """
+    x, y, yaw = offset + change * min(1.0, step / max(_length(change), 1e-12))
+    share = min(1.0, LARGEST_SHIFT / max(float(np.hypot(x, y)), 1e-12))
+    return np.array([share * x, share * y, min(max(yaw, -LARGEST_TURN), LARGEST_TURN)])
+
+
+def is_settled(change: FloatArray) -> bool:
+    """Returns whether a desired change of the offset, shape (3,), is as small as errors of gaps."""
+    return _length(change) <= _TOUCH_STD
+
+
+def _length(change: FloatArray) -> float:
+    return float(np.linalg.norm(change * _STD[0] / _STD))

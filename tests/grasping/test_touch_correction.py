@@ -1,0 +1,93 @@
+"""Correction of an estimate by touch: laws of a least-squares fit with a prior."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drake_pregrasp.grasping.touch_correction import (
+    LARGEST_SHIFT,
+    LARGEST_TURN,
+    is_settled,
+    limited_offset,
+    touch_correction,
+)
+
+N = 5
+gaps_of_all = st.lists(st.floats(-0.02, 0.02), min_size=N, max_size=N).map(np.array)
+masks = st.lists(st.booleans(), min_size=N, max_size=N).map(np.array)
+arms = st.lists(st.floats(-0.05, 0.05), min_size=N, max_size=N).map(np.array)
+turns = st.floats(-np.pi, np.pi)
+
+
+def rows_of(azimuths, arm):
+    return np.column_stack([np.cos(azimuths), np.sin(azimuths), np.broadcast_to(arm, N)])
+
+
+AROUND = 2 * np.pi * np.arange(N) / N
+
+
+@given(gaps_of_all, arms)
+def test_without_touch_nothing_is_corrected(gaps, arm):
+    assert not touch_correction(gaps, rows_of(AROUND, arm), np.zeros(N, dtype=bool)).any()
+
+
+@given(gaps_of_all, arms, masks, st.floats(-0.02, 0.02))
+def test_gaps_of_fingers_that_do_not_touch_do_not_matter(gaps, arm, touching, other):
+    rows = rows_of(AROUND, arm)
+    changed = np.where(touching, gaps, other)
+    np.testing.assert_allclose(
+        touch_correction(changed, rows, touching),
+        touch_correction(gaps, rows, touching),
+        atol=1e-15,
+    )
+
+
+@given(st.floats(0.001, 0.02), st.floats(0.0, 0.01), turns, st.floats(-0.05, 0.05))
+def test_one_touch_moves_the_surface_to_the_fingertip_and_a_farther_one_moves_it_farther(
+    gap, more, azimuth, arm
+):
+    rows, first = rows_of(azimuth + AROUND, arm), np.arange(N) == 0
+    moved, farther = (
+        rows[0] @ touch_correction(np.full(N, size), rows, first) for size in (gap, gap + more)
+    )
+    assert 0.98 * gap <= moved <= gap
+    assert farther - moved == pytest.approx(more * moved / gap, abs=1e-12)
+
+
+@given(gaps_of_all, arms, masks, turns)
+def test_a_turned_scene_has_a_turned_correction(gaps, arm, touching, turn):
+    x, y, yaw = touch_correction(gaps, rows_of(AROUND, arm), touching)
+    turned = touch_correction(gaps, rows_of(AROUND + turn, arm), touching)
+    c, s = np.cos(turn), np.sin(turn)
+    np.testing.assert_allclose(turned, [c * x - s * y, s * x + c * y, yaw], atol=1e-12)
+
+
+@given(st.floats(-0.02, 0.02), turns, st.floats(-0.05, 0.05))
+def test_touches_from_opposite_sides_cancel(gap, azimuth, arm):
+    rows = rows_of(azimuth + np.pi * np.arange(N), [arm, -arm, arm, -arm, 0.0])
+    touching = np.arange(N) < 2
+    assert touch_correction(np.full(N, gap), rows, touching) == pytest.approx(
+        np.zeros(3), abs=1e-12
+    )
+
+
+@given(st.floats(-0.02, 0.02), st.floats(-0.02, 0.02), st.floats(-0.15, 0.15), arms)
+def test_a_displaced_object_is_found_by_touches_from_all_sides(x, y, yaw, arm):
+    arm = arm + 0.03 * np.array([1, -1, 1, -1, 0])
+    rows = rows_of(AROUND, arm)
+    found = touch_correction(rows @ [x, y, yaw], rows, np.ones(N, dtype=bool))
+    assert np.max(np.abs(rows @ (found - [x, y, yaw]))) < 1e-3
+
+
+@given(gaps_of_all, arms, masks, st.floats(1e-4, 1e-2), st.integers(1, 200))
+def test_an_offset_moves_by_limited_steps_within_its_bounds(gaps, arm, touching, step, count):
+    rows, offset = rows_of(AROUND, arm), np.zeros(3)
+    for _ in range(count):
+        before, change = offset, touch_correction(10 * gaps, rows, touching)
+        offset = limited_offset(before, change, step)
+        assert np.hypot(*(offset - before)[:2]) <= step + 1e-12
+        assert np.hypot(*offset[:2]) <= LARGEST_SHIFT + 1e-12
+        assert abs(offset[2]) <= LARGEST_TURN
+    assert is_settled(np.zeros(3))
+    assert not is_settled(np.array([0.002, 0.0, 0.0]))
