@@ -22,7 +22,7 @@ _GHOST = f"{ROOT}/estimate"
 _REGION_LIFT = 8e-4
 """Distance of tiles from the surface, in metres; the object hides tiles with a larger error."""
 
-
+_SEEN_THROUGH = 0.4  # Opacity of goals behind the object.
 _ELLIPSOID_COLOR = Rgba(0.35, 0.37, 0.40, 0.6)
 GHOST_COLOR = Rgba(0.15, 0.2, 0.35, 0.15)
 """Colour of the object at the estimated pose."""
@@ -50,6 +50,7 @@ class PregraspVisualizer(LeafSystem):
     Port `p_WC` accepts a vector of 3n: the contact goals in W, in metres.
 
     Port `contact_status` accepts a vector of n `ContactStatus` values: only active goals are drawn.
+    Goals behind the object are pale.
 
     Port `safe_regions` accepts the `SafeRegions` over the surface's candidates.
 
@@ -132,6 +133,11 @@ class PregraspVisualizer(LeafSystem):
         for i in range(self._num_contacts):
             color = contact_color(i)
             self._meshcat.SetObject(_goal_path(i), Sphere(self._marker_radius), color)
+            # A pale marker is in front of everything, and so shows goals behind the object.
+            pale = Rgba(color.r(), color.g(), color.b(), _SEEN_THROUGH)
+            through = f"{_goal_path(i)}/through"
+            self._meshcat.SetObject(through, Sphere(self._marker_radius), pale)
+            self._meshcat.SetProperty(f"{through}/<object>", "material.depthTest", False)
             for slot in range(self._trail_length):
                 path = _trail_path(i, slot)
                 self._meshcat.SetObject(path, Sphere(0.25 * self._marker_radius), color)

@@ -95,3 +95,16 @@ def test_a_recording_tells_what_happens_when_it_happens(recorded_run, base_log, 
         browser.until("viewer.animator.playing && viewer.animator.mixer.timeScale < 1")
     finally:
         browser.close()
+
+
+def test_goals_behind_the_object_are_seen_through_it(recorded_run, tmp_path):
+    browser = Browser(tmp_path, (recorded_run.folder / "recording.html").as_uri())
+    try:
+        browser.until("window.viewer && viewer.animator.duration > 7")
+        for i in range(5):
+            path = f'["drake", "pregrasp", "goals", "{i}", "through", "<object>"]'
+            assert (
+                browser.value(f"viewer.scene_tree.find({path}).object.material.depthTest") is False
+            )
+    finally:
+        browser.close()
