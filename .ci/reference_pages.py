@@ -24,8 +24,11 @@ import drake_pregrasp
 from drake_pregrasp.cli import command
 from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.config.validation import is_scalar, scalar_problem
+from drake_pregrasp.grasping.held_criterion import held_measures
 from drake_pregrasp.interfaces import lcm, lcm_status
+from drake_pregrasp.simulation.run_log import grasp_columns, log_columns
 from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.summary import object_fate, summarize, summarize_grasp
 from drake_pregrasp.studies.measures import MEASURES
 from drake_pregrasp.studies.study_config import Condition, Method, PairedTest, StudyConfig
 
@@ -204,6 +207,35 @@ def study_page() -> str:
     )
 
 
+# Files of a run.
+
+
+def run_page() -> str:
+    """Returns the page of the columns of logs and of the keys of the summary."""
+    sections = []
+    for title, head, functions in (
+        ("log.csv", "column", [log_columns]),
+        ("grasp.csv", "column", [grasp_columns]),
+        ("summary.json", "key", [summarize, object_fate]),
+        ("`grasp` in summary.json", "key", [summarize_grasp, held_measures]),
+    ):
+        rows = [f"| {head} | content |", "|---|---|"]
+        for function in functions:
+            text = inspect.getdoc(function) or ""
+            for bullet in re.findall(r"^- (.*(?:\n  .*)*)", text, flags=re.M):
+                names, _, content = " ".join(bullet.split()).partition(": ")
+                rows.append(f"| {names} | {content} |")
+        sections += [f"## {title}", "\n".join(rows)]
+    lines = [
+        "# Columns and keys of a run",
+        "[The files of a run](../run_folder.md) explains them. Lengths are in metres, times in "
+        "seconds, forces in newtons. `{i}` is the index of a contact or finger.",
+        MADE.format("docstrings"),
+        *sections,
+    ]
+    return "\n\n".join(lines) + "\n"
+
+
 # Ports.
 
 
@@ -374,6 +406,7 @@ def pages() -> dict[str, str]:
     return {
         **key_pages(),
         "study_keys.md": study_page(),
+        "run_files.md": run_page(),
         "ports.md": ports_page(),
         "commands.md": commands_page(),
         "api.md": api_page(),

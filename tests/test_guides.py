@@ -289,10 +289,10 @@ def test_the_strategy_that_contributing_shows_is_planned_with(surface, p_OC):
 
 
 def test_the_page_on_run_folders_explains_every_column_and_key(base_run):
-    text = (DOCS / "run_folder.md").read_text(encoding="utf-8")
+    text = (DOCS / "reference" / "run_files.md").read_text(encoding="utf-8")
     log, grasp, summary = (
         re.findall(r"`([^`]+)`", " ".join(re.findall(r"^\| (`.*?`) \| ", part, flags=re.MULTILINE)))
-        for part in text.split("\n## ")[-3:]
+        for part in text.split("\n## ")[1:4]
     )
     for shown, columns in ((log, log_columns(2)), (grasp, grasp_columns(2))):
         named = {name.format(i=i) for name in shown for i in range(2)}

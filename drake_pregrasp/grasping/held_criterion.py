@@ -84,8 +84,8 @@ def held_measures(
       a part that was not reached.
     - `drift_mm_per_min`: speed at which the object slips in the second half of the hold; None if
       the hold is shorter than two seconds.
-    - `slips_after_s`: time in which an object that drifts at that speed slips by `LARGEST_MM`; None
-      without a drift.
+    - `slips_after_s`: time in which an object that drifts at that speed slips by 5 mm
+      (`LARGEST_MM`); None without a drift.
     - `held`: whether the object was held; None if the ticks end before that is known.
 
     An object that no conveyor carries may move before the command: nothing is measured there, and

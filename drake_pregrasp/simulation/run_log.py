@@ -193,9 +193,25 @@ class RunLog(CsvLog):
 def log_columns(num_contacts: int) -> list[str]:
     """Returns the names of the columns of `log.csv`, in their order.
 
-    `position_error` is the distance between the true position of O and the position that was
-    estimated for the same time. With look-ahead, the estimate is an earlier prediction, and the
-    error is NaN until there is one.
+    - `time`: time of the tick.
+    - `c{i}_x`, `c{i}_y`, `c{i}_z`: contact goal p_WC in W.
+    - `c{i}_active`: 1 if the contact takes part in the grasp, else 0.
+    - `q_msv`, `q_gii`, `q_vew`: measures of the active contacts, about the true centre of mass.
+    - `graspable`, `indeterminate`: conditions of the paper's Eqs. 9 and 8: 1 if they hold, else 0.
+    - `displacement`: distance that the goals have moved in W since the last tick, summed over
+      contacts that are active at both ticks.
+    - `energy`: sum of v²/2 of the same contacts, in joules per kilogram.
+    - `region{i}_size`: number of candidates in the safe region.
+    - `x_wo`, `y_wo`, `z_wo`, `qw_wo`, `qx_wo`, `qy_wo`, `qz_wo`, `yaw_wo`: true pose X_WO:
+      position, quaternion, and yaw in radians.
+    - `x_wo_estimated`, `y_wo_estimated`, `z_wo_estimated`, `qw_wo_estimated`, `qx_wo_estimated`,
+      `qy_wo_estimated`, `qz_wo_estimated`: estimated pose.
+    - `position_error`: distance between the true position of O and the one that was estimated for
+      this time. With look-ahead, that is an earlier prediction, and NaN until there is one.
+    - `c{i}_status`, `c{i}_cause`: `ContactStatus`, and the index of the contact or obstacle that
+      causes it, or -1.
+    - `tracking_status`: `TrackingStatus`: 0 waiting, 1 tracking, 2 coasting, 3 lost.
+    - `time_since_measurement`: age of the newest measurement in the estimate.
     """
     contacts = range(num_contacts)
     points = [f"c{i}_{axis}" for i in contacts for axis in "xyz"]
@@ -247,7 +263,24 @@ class GraspLog(CsvLog):
 
 
 def grasp_columns(num_fingers: int) -> list[str]:
-    """Returns the names of the columns of `grasp.csv`, in their order."""
+    """Returns the names of the columns of `grasp.csv`, in their order.
+
+    - `time`: time of the tick.
+    - `phase`, `phase_since`: `GraspPhase`, and the time at which it began.
+    - `gave_up`, `gave_up_detail`: `GiveUp`: why the hand opened last, waits or stands still; and
+      the finger, number or force that it is about.
+    - `tip{i}_x`, `tip{i}_y`, `tip{i}_z`: centre of the fingertip in W.
+    - `goal{i}_x`, `goal{i}_y`, `goal{i}_z`: its goal, in the frame G.
+    - `force{i}_x`, `force{i}_y`, `force{i}_z`: force with which the fingertip presses, in W.
+    - `x_wg`, `y_wg`, `z_wg`, `qw_wg`, `qx_wg`, `qy_wg`, `qz_wg`: pose X_WG of the frame in which
+      goals are planned.
+    - `x_wo`, `y_wo`, `z_wo`, `qw_wo`, `qx_wo`, `qy_wo`, `qz_wo`: true pose of the object.
+    - `x_wd`, `y_wd`, `z_wd`, `qw_wd`, `qx_wd`, `qy_wd`, `qz_wd`: pose of the turntable D; that of
+      the world if there is none.
+    - `link_force_object`, `link_force_surroundings`, `link_force_hand`: largest force since the
+      last tick between a link that is no fingertip and the object; the table or an obstacle with a
+      body; another finger.
+    """
     report = ["time", "phase", "phase_since", "gave_up", "gave_up_detail"]
     points = (_point_columns(kind, num_fingers) for kind in ("tip", "goal", "force"))
     poses = (pose_columns(frames) for frames in ("wg", "wo", "wd"))

@@ -100,19 +100,18 @@ SETTLED = 1.0
 
 
 def summarize_grasp(resolved: ResolvedScenario, log: GraspLog) -> dict[str, Any]:
-    """Returns the results of a grasp; null for phases that the hand did not reach.
+    """Returns the results of a grasp, with `held_measures`; null for phases that were not reached.
 
     - `tracking_error_mean_mm`, `tracking_error_max_mm`: distance of the fingertips' centres from
       their goals, relative to the estimated object at the same time, while the hand approaches
-      and tracks, after `SETTLED`. Each goal is compared with the fingertip after the
-      controller's lead.
+      and tracks, after the first second (`SETTLED`). Each goal is compared with the fingertip after
+      the controller's lead.
     - `lift_height_mm`: distance along `grasp.lift_direction` of the object at the end from its
       place before the lift.
-    - `held`, `moved_before_mm` and others: see `held_measures`.
     - `tip_forces`: contact force of each finger at the end, in newtons.
     - `link_forces`: largest force with which a link that is no fingertip touched the object, the
       surroundings, and another finger, in newtons.
-    - `gave_up`: reason why the hand opened again, or null.
+    - `phase`, `gave_up`: phase at the end, and reason why the hand opened again, or null.
     - `palm_from`: unit vector in W from the object towards the palm.
     """
     scenario = resolved.scenario
@@ -194,16 +193,30 @@ def summarize(
     wall_seconds: float,
     completed: bool,
 ) -> dict[str, Any]:
-    """Returns the content of `summary.json`.
+    """Returns the content of `summary.json`; null for a measure of no tick.
 
-    `static` has means over the phase in which the initial contacts are held, `max` and `mean` are
-    over the phase in which they adapt, and `final` is the last tick; null if there is no tick.
-    `inactive_contacts` has the reasons why contacts have no goal at the last tick. `tracking` is
-    over all ticks, and `deadline_overruns` counts ticks that took longer than the planning period.
-    With damage, `max` and `mean` end before the first loss, and `after_damage` follows the last
-    loss or return of a finger.
-    Ticks after the object has left the table or is lost for good (`object_fate`) count only for
-    `final`.
+    Ticks after the object has left the table or is lost for good count only for `final`.
+
+    - `scenario`, `seed`, `completed`, `versions`: what was run, whether it reached its end, and the
+      versions of the libraries.
+    - `kernels`: library that computed the ticks, numba or numpy.
+    - `static`: means of the measures while the initial contacts are held.
+    - `max`, `mean`: measures while the contacts adapt, before the first damage.
+    - `final`: measures at the last tick.
+    - `after_damage`: only with damage: static measures of the initial contacts whose fingers are
+      not lost at the end, and the largest ones after the last loss or return of a finger.
+    - `coordinates`: only with `planner.coordinates`: what fingers offer and what their last goals
+      demand, by name.
+    - `contact_model`: contact model of the measures.
+    - `force_closure_margin`, `ferrari_canny`, `independent_region_share`, `independent_radius`:
+      measures of force closure at the last tick of the static phase, and of the run.
+    - `inactive_contacts`: contacts without a goal at the last tick, and why.
+    - `tracking`: share of the ticks with each tracking status, and the longest time without a
+      measurement.
+    - `grasp`: only with a hand: the results below.
+    - `ticks`, `simulated_seconds`, `real_time_factor`: length and speed of the run.
+    - `tick_time_p50_ms`, `tick_time_p99_ms`, `deadline_overruns`: computing times of ticks, and
+      number of those that took longer than the planning period.
     """
     scenario = resolved.scenario
     time, *values = log.read("time", *MEASURES)
