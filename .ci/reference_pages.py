@@ -26,6 +26,7 @@ from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.config.validation import is_scalar, scalar_problem
 from drake_pregrasp.grasping.held_criterion import held_measures
 from drake_pregrasp.interfaces import lcm, lcm_status
+from drake_pregrasp.simulation.grasp_export import export_grasp
 from drake_pregrasp.simulation.run_log import grasp_columns, log_columns
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.summary import object_fate, summarize, summarize_grasp
@@ -218,6 +219,7 @@ def run_page() -> str:
         ("grasp.csv", "column", [grasp_columns]),
         ("summary.json", "key", [summarize, object_fate]),
         ("`grasp` in summary.json", "key", [summarize_grasp, held_measures]),
+        ("grasp.npz", "array", [export_grasp]),
     ):
         rows = [f"| {head} | content |", "|---|---|"]
         for function in functions:

@@ -33,7 +33,20 @@ POSTURES = ("pregrasp", "grasp", "squeeze")
 def export_grasp(resolved: ResolvedScenario, path: Path) -> dict[str, Any]:
     """Simulates a grasp, writes its arrays to an `.npz` file, and returns them.
 
-    docs/second_engine.md lists the arrays.
+    - `joint_names`: names of the nq joints, in the order of all positions.
+    - `time`, `phase`: time of each control tick, and its phase as in `grasp.csv`, shape (k,).
+    - `q_desired`, `v_desired`: commanded positions and velocities, shape (k, nq).
+    - `q`, `v`: measured positions and velocities, shape (k, nq).
+    - `X_WO`: pose of the object, shape (k, 7): position, and quaternion w, x, y, z.
+    - `gave_up`: reason why the hand gave up; empty if it did not.
+    - `pregrasp_q`, `grasp_q`, `squeeze_q`: postures, shape (nq,): the last command before closing,
+      the joints when all fingers touch, and the command at the start of the lift.
+    - `pregrasp_time` and the others: their times.
+    - `pregrasp_X_WO` and the others: poses of the object at these times, shape (7,).
+    - `pregrasp_X_WP` and the others: poses of the palm, on which the fingers hang, shape (7,).
+    - `palm_name`: name of the palm.
+    - `vertices`, `faces`: mesh of the object in O, so that its scale is 1.
+    - `mass`, `friction`: mass of the object in kg, and its Coulomb coefficient.
 
     Args:
         resolved: Scenario with a hand.
