@@ -238,6 +238,30 @@ def run_page() -> str:
     return "\n\n".join(lines) + "\n"
 
 
+# Limits.
+
+
+def limits_page() -> str:
+    """Returns the page of the limits on files and runs."""
+    package, rows = Path(inspect.getfile(drake_pregrasp)).parent, []
+    for path in sorted(package.rglob("*.py")):
+        module = ".".join(path.relative_to(package).with_suffix("").parts)
+        for node, after in itertools.pairwise(ast.parse(path.read_text(encoding="utf-8")).body):
+            name = ast.unparse(node.targets[0]) if isinstance(node, ast.Assign) else ""
+            if name.startswith("MAX_"):
+                value = getattr(importlib.import_module(f"drake_pregrasp.{module}"), name)
+                text = " ".join(ast.literal_eval(typing.cast(ast.Expr, after).value).split())
+                rows.append(f"| {text} | {value:,} | `{module}.{name}` |")
+    lines = [
+        "# Limits",
+        "What exceeds a limit is refused in one line, unless its row says otherwise; "
+        "[Untrusted files](../untrusted_files.md) says what this protects.",
+        MADE.format("the constants of the package"),
+        "\n".join(["| limit | value | constant |", "|---|---|---|", *rows]),
+    ]
+    return "\n\n".join(lines) + "\n"
+
+
 # Ports.
 
 
@@ -409,6 +433,7 @@ def pages() -> dict[str, str]:
         **key_pages(),
         "study_keys.md": study_page(),
         "run_files.md": run_page(),
+        "limits.md": limits_page(),
         "ports.md": ports_page(),
         "commands.md": commands_page(),
         "api.md": api_page(),

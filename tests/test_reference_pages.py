@@ -30,6 +30,15 @@ def test_every_key_has_a_meaning_or_a_section(pages):
         assert [key for key, meaning, values in rows if not meaning and "](" not in values] == []
 
 
+def test_every_limit_is_there(pages):
+    sources = [path.read_text(encoding="utf-8") for path in (ROOT / "drake_pregrasp").rglob("*.py")]
+    found = re.findall(r"^(MAX_\w+) =", "\n".join(sources), flags=re.M)
+    named = re.findall(
+        r"^\| \w.*\. \| [\d,.]+ \| `[\w.]+\.(\w+)` \|$", pages["limits.md"], flags=re.M
+    )
+    assert sorted(named) == sorted(found)
+
+
 def test_every_public_name_is_there(pages):
     names = re.findall(r"^- \[`(\w+)`\]\(.*?\): \w", pages["api.md"], flags=re.M)
     assert {*names, "__version__"} == {*made.drake_pregrasp.__all__, *made.names_of_interfaces()}
