@@ -1,14 +1,10 @@
 """The pages of docs/reference are those that the code makes, and leave nothing unsaid."""
 
-import importlib.util
 import re
 
 import pytest
+import reference_pages as made
 from pages import DOCS, ROOT
-
-_SPEC = importlib.util.spec_from_file_location("made", ROOT / ".ci" / "reference_pages.py")
-made = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(made)
 
 
 @pytest.fixture(scope="module")
