@@ -133,6 +133,10 @@ def grasp_in_words(grasp: Mapping[str, Any]) -> str:
     x, y, up = grasp.get("palm_from", (0, 0, 1))
     if up < 0.5:
         words.append(f"palm from the side, at {math.degrees(math.atan2(y, x)):.0f}° about z")
+    if (met_at := grasp.get("met_at")) is not None:
+        words.append(f"met the object at {met_at:.2f} s")
+    if grasp.get("cannot_meet") is not None:
+        words.append(f"cannot meet the object because {grasp['cannot_meet']}")
     if grasp["gave_up"] is not None:
         words.append(f"gave up because {grasp['gave_up']}")
     if (held := grasp.get("held")) is not None:

@@ -29,6 +29,24 @@ _FORCE = {"above": 0, "at_most": 1e4}
 
 
 @dataclass
+class MeetingConfig:
+    """Configuration of a hand that waits for an object and meets it."""
+
+    # Point in W over which the hand waits, in metres: where an object's centre of mass would be.
+    # Empty: the hand starts over the object, and comes down to it in a fixed time.
+    wait_at: list[float] = field(
+        default_factory=list, metadata={"at_least": -100, "at_most": 100, "max_length": 3}
+    )
+
+    # Least and largest time until a meeting that is planned, in seconds.
+    earliest: float = field(default=0.0, metadata={"at_least": 0, "at_most": 100})
+    latest: float = field(default=3.0, metadata={"above": 0, "at_most": 100})
+
+    # Whether the motion of the object is predicted until the meeting; else it counts as resting.
+    predicts: bool = True
+
+
+@dataclass
 class GraspConfig:
     """Configuration of a hand that closes, squeezes and lifts."""
 
@@ -41,8 +59,12 @@ class GraspConfig:
     # Whether the planner is limited to what the fingers reach.
     use_reach: bool = True
 
-    # Time at which the hand is commanded to close, in seconds. The default leaves contacts two
-    # seconds to adapt after the default `planner.static_duration`.
+    # How the hand waits for the object and meets it.
+    meeting: MeetingConfig = field(default_factory=MeetingConfig)
+
+    # Time at which the hand is commanded to close, in seconds. 0: it closes as soon as it is at the
+    # object. The default leaves contacts two seconds to adapt after the default
+    # `planner.static_duration`.
     close_at: float = field(default=6.0, metadata={"at_least": 0, "at_most": 1e6})
 
     # Seconds between control ticks.

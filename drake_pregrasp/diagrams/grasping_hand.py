@@ -116,7 +116,7 @@ def add_grasping_hand(
         p_OC: Initial contacts in O, one for each finger, shape (n, 3), in metres.
         object_solid: The object in O.
         mass: Mass of the object, in kg.
-        X_WO: Initial pose of the object.
+        X_WO: Pose of an object over which the hand starts; mostly its initial pose.
         fixed: Solids in W that fingertips avoid, such as the table.
         plant_time_step: Time step of the hand's plant, in seconds.
         weights: System that emits `contact_weights`.
@@ -138,6 +138,8 @@ def add_grasping_hand(
             # Goals of another source do not wait for the planner's ticks.
             target_period=planner.period if goals is None else config.period,
             plant_time_step=plant_time_step,
+            gravity=planner.estimator.gravity,
+            diffusion=planner.estimator.acceleration**2,
         ),
     )
     planning = AddPregraspPlanner(
@@ -156,6 +158,7 @@ def add_grasping_hand(
         source = goals(builder, GoalInputs(planning, controller, weights, obstacles))
     connect(builder, source, "fingertip_targets contact_status", controller)
     connect(builder, planning, "X_WO_estimated V_WO_estimated tracking_status", controller)
+    connect(builder, planning, "p_WO_covariance", controller)
     connect(builder, controller, "hold_contacts V_WO_held X_WU", planning)
     if planner.limits.reach:
         connect(builder, controller, "X_WH", planning)

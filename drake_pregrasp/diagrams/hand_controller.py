@@ -8,6 +8,7 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.contacts.assignment import palm_turn, turned_within
 from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.diagrams.palm_meeting import meeting_settings
 from drake_pregrasp.diagrams.wiring import connect, export_inputs, export_outputs
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.fast.kernels import Kernels
@@ -16,6 +17,7 @@ from drake_pregrasp.systems.differential_kinematics import DifferentialKinematic
 from drake_pregrasp.systems.fingertip_sensor import FingertipSensor
 from drake_pregrasp.systems.grasp_sequencer import GraspSequencer
 from drake_pregrasp.systems.hand_goal_shaper import HandGoalShaper
+from drake_pregrasp.systems.interception_planner import InterceptionPlanner
 
 
 class HandController(Diagram):
@@ -34,6 +36,7 @@ class HandController(Diagram):
         - net_actuation
         - obstacles
         - tracking_status
+        - p_WO_covariance
         output_ports:
         - desired_state
         - p_GT
@@ -45,18 +48,21 @@ class HandController(Diagram):
         - grasp_report
         - V_WO_held
         - X_WU
+        - catch_certificate
 
     The ports are those of the systems inside, which document them. The planner is connected to
     `fingertip_targets`, `contact_status`, `X_WO_estimated`, `V_WO_estimated` and, optionally,
-    `tracking_status`; `obstacles` is optional too, and `close` is the command. The hand's plant is
-    connected to `hand_state` and `net_actuation`, and to `desired_state`
-    (`DifferentialKinematics`). Observers may use `p_GT` (`HandGoalShaper`), `p_WT` and `f_T_W`
-    (`FingertipSensor`), `X_WG` and `grasp_report` (`GraspSequencer`). The planner may use `X_WH`
-    and `X_WU` (`HandGoalShaper`) for the reach and the measures of the fingers, `hold_contacts`
+    `tracking_status` and `p_WO_covariance`; `obstacles` is optional too, and `close` is the
+    command. The hand's plant is connected to `hand_state` and `net_actuation`, and to
+    `desired_state` (`DifferentialKinematics`). Observers may use `p_GT` (`HandGoalShaper`), `p_WT`
+    and `f_T_W` (`FingertipSensor`), `X_WG` and `grasp_report` (`GraspSequencer`), and
+    `catch_certificate` (`InterceptionPlanner`). The planner may use `X_WH` and `X_WU`
+    (`HandGoalShaper`) for the reach and the measures of the fingers, `hold_contacts`
     (`GraspSequencer`), which holds its goals while the hand grasps, and `V_WO_held`
     (`GraspSequencer`), so that its estimate follows the object that the hand moves.
 
-    In a control tick, `GraspSequencer` decides on the phase and what it commands, `HandGoalShaper`
+    In a control tick, `InterceptionPlanner` plans the meeting with the object while the hand
+    approaches. `GraspSequencer` decides on the phase and what it commands, `HandGoalShaper`
     moves the goals of fingertips and palm, and `DifferentialKinematics` moves the joints after
     them. `FingertipSensor` measures where the fingertips are and what they press with.
 
@@ -77,6 +83,8 @@ class HandController(Diagram):
         p_OC: Initial contacts in O, in the order of the fingers, shape (n, 3), in metres.
         target_period: Seconds between ticks of the planner.
         plant_time_step: Time step of the hand's plant, in seconds.
+        gravity: Acceleration of the object along -z of W until the meeting, in m/s².
+        diffusion: Spectral density of its random acceleration, in m²/s³.
         kernels: Implementation of the kinematics; that of `default_kernels` by default.
 
     Raises:
@@ -100,6 +108,8 @@ class HandController(Diagram):
         p_OC: FloatArray,
         target_period: float,
         plant_time_step: float,
+        gravity: float = 0.0,
+        diffusion: float = 0.0,
         kernels: Kernels | None = None,
     ) -> None:
         super().__init__()
@@ -161,7 +171,24 @@ class HandController(Diagram):
             ),
         )
         sensor = builder.AddNamedSystem("fingertip_sensor", FingertipSensor(scene.hand))
-        _connect(builder, sequencer, shaper, kinematics, sensor)
+        R_WO = X_WO.rotation().matrix()
+        meeting = meeting_settings(
+            config, hand, self.initial, object_solid, mass, p_OCoM, R_WO, gravity, diffusion
+        )
+        interception = builder.AddNamedSystem(
+            "interception_planner",
+            InterceptionPlanner(
+                meeting,
+                R_AW=R_LA.T,
+                p_OCoM=p_OCoM,
+                p_WL=X_WG @ p_OCoM,
+                commitment=settings.closing_duration,
+                predicts=config.meeting.predicts,
+                period=config.period,
+                kernels=scene.kernels,
+            ),
+        )
+        _connect(builder, sequencer, shaper, kinematics, sensor, interception)
         builder.BuildInto(self)
 
 
@@ -194,6 +221,7 @@ def _connect(
     shaper: HandGoalShaper,
     kinematics: DifferentialKinematics,
     sensor: FingertipSensor,
+    interception: InterceptionPlanner,
 ) -> None:
     """Connects the systems to each other, and exports the ports of `HandController` in order."""
     connect(builder, sequencer, "command", shaper, kinematics)
@@ -202,11 +230,15 @@ def _connect(
     connect(builder, kinematics, "blocked_finger", sequencer)
     connect(builder, sensor, "p_WT f_T_W J_WT", sequencer)
     export_inputs(builder, "fingertip_targets contact_status", shaper)
-    export_inputs(builder, "X_WO_estimated V_WO_estimated close", sequencer)
+    connect(builder, sequencer, "X_WG grasp_report", interception)
+    connect(builder, interception, "approach", sequencer)
+    export_inputs(builder, "X_WO_estimated V_WO_estimated", sequencer, interception)
+    export_inputs(builder, "close", sequencer)
     export_inputs(builder, "hand_state", sensor, kinematics)
     export_inputs(builder, "net_actuation", sensor)
     export_inputs(builder, "obstacles", shaper, kinematics)
-    export_inputs(builder, "tracking_status", sequencer)
+    export_inputs(builder, "tracking_status", sequencer, interception)
+    export_inputs(builder, "p_WO_covariance", interception)
     export_outputs(builder, kinematics, "desired_state")
     export_outputs(builder, shaper, "p_GT")
     export_outputs(builder, sensor, "p_WT f_T_W")
@@ -214,3 +246,4 @@ def _connect(
     export_outputs(builder, shaper, "X_WH")
     export_outputs(builder, sequencer, "hold_contacts grasp_report V_WO_held")
     export_outputs(builder, shaper, "X_WU")
+    export_outputs(builder, interception, "catch_certificate")

@@ -90,6 +90,7 @@ class PalmCarrier:
         names: Names of these joints.
         palm_frame: Empty: the axes follow a posture, not the palm a pose.
         X_AW: Pose of W in A with the palm at home.
+        p_AL: Positions of the joints x, y and z for a palm over the origin of W, shape (3,).
 
     Raises:
         InvalidArgumentError: If the model lacks such joints.
@@ -104,7 +105,8 @@ class PalmCarrier:
         self._X_LA, self.X_AW = X_LA, X_LA.inverse()
         # Positions of x, y and z are R_AL p_WL + p_AL for a point L on the palm's axis.
         self._R_AL = self.X_AW.rotation().matrix()
-        self._p_AL = self._R_AL @ (X_LA.translation() - p_WB) + [0.0, 0.0, config.palm_height]
+        self.p_AL: FloatArray = self._R_AL @ (X_LA.translation() - p_WB)
+        self.p_AL[2] += config.palm_height
         for joint, expected in zip(joints, JOINT_KINDS, strict=True):
             if (kind := joint.type_name()) != expected:
                 raise InvalidArgumentError(
@@ -129,7 +131,7 @@ class PalmCarrier:
     def posture(self, home: FloatArray, p_WL: FloatArray, yaw: float) -> FloatArray:
         """See `PalmBase`."""
         posture = np.array(home, dtype=float)
-        x, y, z = self._R_AL @ p_WL + self._p_AL
+        x, y, z = self._R_AL @ p_WL + self.p_AL
         posture[self.joints] = x, y, z, yaw
         return posture
 

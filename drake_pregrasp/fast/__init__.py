@@ -15,6 +15,7 @@ passes it to its systems.
 | `pose_steps` | `estimation.pose_filter.filter_step` and `merged` |
 | `alignment` | `estimation.surface_alignment.align_pose` |
 | `hand` | `forward_kinematics`, `clearances` and `next_velocities` of `grasping` |
+| `meetings` | `grasping.interception.choose_meeting` |
 | `tip_steps` | `straight_step`, `hand_goals` and `goal_velocities` of `grasping` |
 
 **One description.** A region is an intersection: the weighted Voronoi cell of its contact,

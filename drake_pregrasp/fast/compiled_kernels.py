@@ -47,6 +47,7 @@ def _hand() -> HandKernels:
         compiled_forward_kinematics,
         compiled_next_velocities,
     )
+    from drake_pregrasp.fast.meetings import compiled_choose_meeting
     from drake_pregrasp.fast.tip_steps import (
         compiled_goal_velocities,
         compiled_hand_goals,
@@ -60,6 +61,7 @@ def _hand() -> HandKernels:
         compiled_clearances,
         compiled_next_velocities,
         compiled_straight_step,
+        compiled_choose_meeting,
     )
 
 

@@ -15,6 +15,7 @@ from drake_pregrasp.grasping.clearances import Clearances, clearances
 from drake_pregrasp.grasping.fingertip_paths import straight_step
 from drake_pregrasp.grasping.forward_kinematics import HandPose, KinematicTree, forward_kinematics
 from drake_pregrasp.grasping.hand_goals import HandGoals, goal_velocities, hand_goals
+from drake_pregrasp.grasping.interception import Choice, choose_meeting
 from drake_pregrasp.grasping.joint_velocities import next_velocities
 from drake_pregrasp.quality.force_closure import LargestMinimum, largest_minimum
 from drake_pregrasp.regions.constraints import LimitFunction, Predicates
@@ -33,6 +34,7 @@ class HandKernels:
         clearances: `clearances`.
         next_velocities: `next_velocities`.
         straight_step: `straight_step`.
+        choose_meeting: `choose_meeting`.
     """
 
     forward_kinematics: Callable[[KinematicTree, FloatArray], HandPose]
@@ -41,6 +43,7 @@ class HandKernels:
     clearances: Callable[..., Clearances]
     next_velocities: Callable[..., tuple[FloatArray, int]]
     straight_step: Callable[..., FloatArray | None]
+    choose_meeting: Callable[..., Choice]
 
 
 @dataclass(frozen=True)
@@ -89,7 +92,13 @@ REFERENCE = Kernels(
     merged=merged,
     align_pose=lambda: align_pose,
     hand=lambda: HandKernels(
-        forward_kinematics, hand_goals, goal_velocities, clearances, next_velocities, straight_step
+        forward_kinematics,
+        hand_goals,
+        goal_velocities,
+        clearances,
+        next_velocities,
+        straight_step,
+        choose_meeting,
     ),
 )
 """The implementation in numpy."""

@@ -82,8 +82,8 @@ def next_state(
         if fault is not None:
             return _open(state, view, *fault)
     match state.phase:
-        case GraspPhase.APPROACH:
-            return _approach(state, view, settings)
+        case GraspPhase.APPROACH if view.has_met:
+            return replace(_enter(state, GraspPhase.TRACK, view), height=Ramp.at_rest(0.0))
         case GraspPhase.TRACK:
             return _track(state, view, settings, squeeze)
         case GraspPhase.CLOSE:
@@ -128,19 +128,6 @@ def _open(state: GraspState, view: GraspView, reason: GiveUp, detail: float) -> 
         detail=detail,
         height=Ramp.at_rest(state.height.value(view.time)),
     )
-
-
-def _approach(state: GraspState, view: GraspView, settings: GraspSettings) -> GraspState:
-    """Moves the hand down, or holds its height while the object is not tracked."""
-    now = view.time
-    if not view.is_tracked:
-        return replace(state, height=Ramp.at_rest(state.height.value(now)))
-    if not state.height.is_over(now):
-        return state
-    if state.height.last > 0:
-        down = Ramp(now, settings.approach_duration, state.height.last, 0.0)
-        return replace(state, height=down)
-    return _enter(state, GraspPhase.TRACK, view)
 
 
 def _track(
@@ -279,10 +266,9 @@ def _back_off(
     if np.any(opened < settings.standoff):
         return replace(state, standoffs=opened)
     if height < settings.approach_height:
-        up = Ramp(now, settings.approach_duration, height, settings.approach_height)
+        up = Ramp(now, settings.rise_duration, height, settings.approach_height)
         return replace(state, height=up, standoffs=opened)
     if view.close or np.isfinite(state.gripped):
         return replace(state, standoffs=opened)
-    down = Ramp(now, settings.approach_duration, height, 0.0)
-    state = replace(_enter(state, GraspPhase.APPROACH, view), height=down, standoffs=opened)
-    return replace(state, offset=np.zeros(3))
+    approaching = _enter(state, GraspPhase.APPROACH, view)
+    return replace(approaching, standoffs=opened, offset=np.zeros(3))

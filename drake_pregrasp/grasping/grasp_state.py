@@ -29,7 +29,7 @@ class GraspPhase(IntEnum):
     """Phases of a grasp.
 
     Attributes:
-        APPROACH: The hand comes down to the object.
+        APPROACH: The hand waits for the object, and moves to the meeting.
         TRACK: The hand follows the object, fingertips at their standoff.
         CLOSE: The fingertips move along the normals until they touch.
         SQUEEZE: The normal forces increase.
@@ -118,8 +118,9 @@ class GraspSettings:
     The closing speed, the search and the largest force are scalars, or of shape (n,) by finger.
 
     Attributes:
-        approach_height: Height above the tracking height at which the hand starts.
-        approach_duration: Duration of the motion down to the tracking height.
+        approach_height: Height above the tracking height at which the hand starts, and to which it
+            backs off.
+        rise_duration: Duration of the motion up to this height.
         standoff: Gap between fingertips and object while tracking.
         gate_distance: Largest distance of each active finger from its goal when the hand closes.
         gate_limit: Longest time for which the hand waits for the fingers to be at their goals, and
@@ -154,7 +155,7 @@ class GraspSettings:
     lift_height: float
     lift_duration: float
     approach_height: float = 0.15
-    approach_duration: float = 1.5
+    rise_duration: float = 1.5
     gate_distance: float = 0.004
     closing_acceleration: float = 0.4
     correction_limit: float = 2.3
@@ -264,7 +265,7 @@ class GraspState:
             reason=GiveUp.NONE,
             detail=0.0,
             gripped=np.inf,
-            height=Ramp(0.0, settings.approach_duration, settings.approach_height, 0.0),
+            height=Ramp.at_rest(settings.approach_height),
             share=0.0,
             offset=np.zeros(3),
             standoffs=np.full(num_fingers, settings.standoff, dtype=float),
@@ -352,6 +353,7 @@ class GraspView:
             `GraspState.offset`, shape (n, 3); ignored until the hand closes.
         is_tracked: Whether the object is tracked.
         blocked: Index of the finger that stops the hand, `BASE`, or `NOT_BLOCKED`.
+        has_met: Whether the palm has met the object.
     """
 
     time: float
@@ -365,6 +367,7 @@ class GraspView:
     rows: FloatArray
     is_tracked: bool = True
     blocked: int = NOT_BLOCKED
+    has_met: bool = False
 
 
 class Squeeze(NamedTuple):

@@ -88,8 +88,8 @@ def held_measures(
       (`LARGEST_MM`); None without a drift.
     - `held`: whether the object was held; None if the ticks end before that is known.
 
-    An object that no conveyor carries may move before the command: nothing is measured there, and
-    it should stay where it is at the command.
+    The part before the command lasts until the hand has met the object. An object that no conveyor
+    carries may move in it: nothing is measured there, and it should then stay where it is.
 
     Args:
         ticks: Control ticks.
@@ -98,7 +98,8 @@ def held_measures(
         is_carried: Whether a conveyor carries the object.
         shakes: Whether the object is shaken after the hold.
     """
-    is_commanded = ticks.time >= close_at - 1e-9
+    has_met = np.logical_or.accumulate(ticks.phase > GraspPhase.APPROACH)
+    is_commanded = has_met & (ticks.time >= close_at - 1e-9)
     parts = _parts(ticks, is_commanded, shakes=shakes)
     placed = 0 if is_carried else int(np.argmax(is_commanded))
     on_table = ticks.X_WD, placed

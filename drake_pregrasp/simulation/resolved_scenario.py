@@ -11,7 +11,7 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.finger_config import capability_at, remaining_contacts
 from drake_pregrasp.config.grasp_config import ABOVE, SIDE, GraspConfig
-from drake_pregrasp.config.hand_description import HandDescription
+from drake_pregrasp.config.hand_description import Carrier, HandDescription
 from drake_pregrasp.config.object_config import (
     Box,
     Conveyor,
@@ -66,6 +66,7 @@ class ResolvedScenario:
         shape: Shape of the object in O.
         surface: Surface of the object, sampled as `scenario.surface` configures.
         X_WO: Initial pose of the object.
+        X_WO_waiting: Pose of an object over which the hand starts.
         hand: Model of the hand with its approach; None without a hand.
         start: Initial contacts in O, which of them have a place, and the palm's yaw.
         planner: Configuration of the planner, with the limits of the hand.
@@ -76,6 +77,7 @@ class ResolvedScenario:
     shape: Shape
     surface: ObjectSurface
     X_WO: RigidTransform
+    X_WO_waiting: RigidTransform
     hand: HandModel | None
     start: StartContacts
     planner: PlannerConfig
@@ -173,6 +175,7 @@ def _resolved(scenario: Scenario, keep: ResolvedScenario | None) -> ResolvedScen
         count = len(hand.fingertips)
     raise_first(scenario_check.scenario_problems(scenario, count, surface, plant_config))
     X_WO, model, planner = initial_pose(scenario.motion, shape), None, scenario.planner
+    waiting = _waiting_pose(scenario, shape, X_WO)
     if hand is None:
         start = keep.start if keep else _given_start(scenario, surface, X_WO)
     else:
@@ -180,7 +183,7 @@ def _resolved(scenario: Scenario, keep: ResolvedScenario | None) -> ResolvedScen
         if keep and keep.hand:
             model, start = keep.hand, keep.start
         else:
-            model, start = _hand_and_start(scenario, hand, shape, surface, X_WO)
+            model, start = _hand_and_start(scenario, hand, shape, surface, waiting)
         planner = start_grasp.hand_planner(planner, scenario.grasp, model.description)
         _check_base(scenario, model, start.p_OC, shape)
     raise_first(scenario_check.obstacle_problems(scenario, shape))
@@ -193,7 +196,16 @@ def _resolved(scenario: Scenario, keep: ResolvedScenario | None) -> ResolvedScen
             feasibility.check_torques(model, grasp, surface, start, X_WO, mass)
     raise_first(scenario_check.engine_problems(scenario))
     raise_first(scenario_check.drake_problems(scenario, plant_config))
-    return ResolvedScenario(scenario, shape, surface, X_WO, model, start, planner, plant_config)
+    return ResolvedScenario(
+        scenario, shape, surface, X_WO, waiting, model, start, planner, plant_config
+    )
+
+
+def _waiting_pose(scenario: Scenario, shape: Shape, X_WO: RigidTransform) -> RigidTransform:
+    """Returns the pose of an object over which the hand starts, turned as the object at X_WO."""
+    if not (place := scenario.grasp.meeting.wait_at):
+        return X_WO
+    return RigidTransform(X_WO.rotation(), place - X_WO.rotation() @ shape.p_OCoM)
 
 
 def _plant_config(scenario: Scenario) -> MultibodyPlantConfig:
@@ -319,6 +331,15 @@ def _grasp_problems(
         plant: Configuration of the plant.
     """
     grasp = scenario.grasp
+    if len(grasp.meeting.wait_at) not in (0, 3):
+        problem = f"{grasp.meeting.wait_at} must be empty, or three coordinates"
+        yield "grasp.meeting.wait_at", problem
+    elif grasp.meeting.wait_at and not isinstance(hand.base, Carrier):
+        problem = "must be empty for a hand on an arm: only carriers meet objects"
+        yield "grasp.meeting.wait_at", problem
+    if not grasp.meeting.earliest <= grasp.meeting.latest:
+        problem = f"{grasp.meeting.earliest} must be at most latest, {grasp.meeting.latest}"
+        yield "grasp.meeting.earliest", problem
     if isinstance(scenario.motion, PoseStream):
         problem = "recorded poses move the object in no plant, so no hand can lift it"
         yield "motion", f"{problem}; choose another motion, or no hand"
@@ -365,7 +386,12 @@ def _model_problems(grasp: GraspConfig, hand: HandModel) -> Problems:
 def _followed_path(
     scenario: Scenario, hand: HandModel, shape: Shape
 ) -> list[tuple[float, RigidTransform]]:
-    """Returns some times, in seconds, and expected poses X_WO until the hand comes to rest."""
+    """Returns some times, in seconds, and expected poses X_WO until the hand comes to rest.
+
+    A hand that waits does not follow the object before it meets it; it says then whether it can.
+    """
+    if scenario.grasp.meeting.wait_at:
+        return [(0.0, _waiting_pose(scenario, shape, initial_pose(scenario.motion, shape)))]
     rest = scenario.grasp.latest_rest(hand.description.fingertips)
     end = min(scenario.simulation_duration, rest)
     poses = expected_poses(scenario.motion, end, shape)
@@ -388,7 +414,7 @@ def _check_base(scenario: Scenario, hand: HandModel, p_OC: FloatArray, shape: Sh
     for time, X_WO in path:
         with errors_at("motion", f"at {time:.3g} s the object is out of the arm's reach: "):
             feasibility.check_palm(hand, scenario.grasp, [start, X_WO], shape.p_OCoM, first)
-    if isinstance(scenario.motion, Conveyor):
+    if isinstance(scenario.motion, Conveyor) and not scenario.grasp.meeting.wait_at:
         rest = scenario.grasp.earliest_rest(hand.description.fingertips)
         end, profile = min(scenario.simulation_duration, rest), scenario.motion.velocities()
         p_WCoM = start @ shape.p_OCoM

@@ -250,7 +250,8 @@ class GraspLog(CsvLog):
         """Adds a tick."""
         points = (record.p_WT, record.p_GT, record.f_T_W)
         poses = (record.X_WG, record.X_WO, record.X_WD)
-        self.write(record.time, record.report, *points, *poses, record.link_forces)
+        last = record.link_forces, record.catch_certificate
+        self.write(record.time, record.report, *points, *poses, *last)
 
     def read_points(self, kind: str) -> FloatArray:
         """Returns vectors of a kind, `tip` in W, `goal` in G or `force` in W, as (ticks, n, 3)."""
@@ -280,12 +281,15 @@ def grasp_columns(num_fingers: int) -> list[str]:
     - `link_force_object`, `link_force_surroundings`, `link_force_hand`: largest force since the
       last tick between a link that is no fingertip and the object; the table or an obstacle with a
       body; another finger.
+    - `catch_limit`, `meeting_time`, `meeting_x`, `meeting_y`, `meeting_z`: `CatchLimit`: what
+      prevents a meeting; and its time and place, as planned last.
     """
     report = ["time", "phase", "phase_since", "gave_up", "gave_up_detail"]
     points = (_point_columns(kind, num_fingers) for kind in ("tip", "goal", "force"))
     poses = (pose_columns(frames) for frames in ("wg", "wo", "wd"))
     links = [f"link_force_{touched}" for touched in TOUCHED]
-    return [*report, *itertools.chain(*points, *poses), *links]
+    meeting = ["catch_limit", "meeting_time", *(f"meeting_{axis}" for axis in "xyz")]
+    return [*report, *itertools.chain(*points, *poses), *links, *meeting]
 
 
 def _point_columns(kind: str, num_fingers: int) -> list[str]:

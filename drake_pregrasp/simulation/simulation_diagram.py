@@ -199,7 +199,7 @@ def add_hand(
         resolved.start.p_OC,
         object_solid=resolved.shape.solid,
         mass=scenario.object.mass,
-        X_WO=resolved.X_WO,
+        X_WO=resolved.X_WO_waiting,
         fixed=[TABLE.solid],
         plant_time_step=resolved.plant_config.time_step,
         weights=weights,
@@ -253,7 +253,7 @@ def _add_grasp_logger(
     fingers, period = resolved.num_contacts, resolved.scenario.grasp.period
     logger = GraspLogger(num_fingers=fingers, period=period, sink=sink)
     builder.AddNamedSystem("grasp_logger", logger)
-    connect(builder, hand.controller, "grasp_report p_GT p_WT f_T_W X_WG", logger)
+    connect(builder, hand.controller, "grasp_report p_GT p_WT f_T_W X_WG catch_certificate", logger)
     connect(builder, plant, "X_WO X_WD link_forces", logger)
 
 

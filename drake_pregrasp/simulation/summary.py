@@ -23,6 +23,7 @@ from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.fast import numba_is_installed
 from drake_pregrasp.grasping.grasp_state import GraspPhase, describe_give_up
 from drake_pregrasp.grasping.held_criterion import GraspTicks, held_measures
+from drake_pregrasp.grasping.interception import describe_catch_limit
 from drake_pregrasp.quality.force_closure import ferrari_canny, min_weight_margin
 from drake_pregrasp.quality.grasp_quality import GraspQuality, characteristic_length, grasp_quality
 from drake_pregrasp.regions.coordinates import QUANTITIES
@@ -112,6 +113,8 @@ def summarize_grasp(resolved: ResolvedScenario, log: GraspLog) -> dict[str, Any]
     - `link_forces`: largest force with which a link that is no fingertip touched the object, the
       surroundings, and another finger, in newtons.
     - `phase`, `gave_up`: phase at the end, and reason why the hand opened again, or null.
+    - `met_at`: time in seconds at which the hand met the object, or null.
+    - `cannot_meet`: reason why it could not meet the object at the end, or null.
     - `palm_from`: unit vector in W from the object towards the palm.
     """
     scenario = resolved.scenario
@@ -148,7 +151,17 @@ def summarize_grasp(resolved: ResolvedScenario, log: GraspLog) -> dict[str, Any]
         "link_forces": {
             touched: float(np.max(log.read(f"link_force_{touched}"))) for touched in TOUCHED
         },
+        **_meeting(time, phase, int(log.read("catch_limit")[0][-1])),
         "palm_from": None if hand is None else hand.X_LA.rotation().matrix()[:, 2].tolist(),
+    }
+
+
+def _meeting(time: FloatArray, phase: FloatArray, limit: int) -> dict[str, Any]:
+    is_there = np.isin(phase, (GraspPhase.TRACK, GraspPhase.CLOSE))
+    approaches = phase[-1] == GraspPhase.APPROACH
+    return {
+        "met_at": _reduced(np.min, time[is_there]),
+        "cannot_meet": describe_catch_limit(limit) if approaches else None,
     }
 
 

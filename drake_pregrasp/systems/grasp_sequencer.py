@@ -12,11 +12,19 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.tree import UniformGravityFieldElement
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, norms, pack, unpacker, validated_numbers
+from drake_pregrasp.arrays import (
+    BoolArray,
+    FloatArray,
+    are_valid,
+    norms,
+    pack,
+    unpacker,
+    validated_numbers,
+)
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.hand_description import Fingertip
 from drake_pregrasp.config.validation import checked
-from drake_pregrasp.geometry.rotations import rotation_matrix
+from drake_pregrasp.geometry.rotations import rotation_matrix, skew
 from drake_pregrasp.geometry.solids import SignedDistance
 from drake_pregrasp.grasping.grasp_phases import next_state
 from drake_pregrasp.grasping.grasp_state import (
@@ -82,6 +90,7 @@ class GraspSequencer(LeafSystem):
         - tracking_status
         - J_WT
         - blocked_finger
+        - approach
         output_ports:
         - command
         - X_WG
@@ -119,11 +128,16 @@ class GraspSequencer(LeafSystem):
     Port `blocked_finger` (optional) accepts a vector of 1: the finger whose links stop the hand,
     `BASE`, or `NOT_BLOCKED` (`DifferentialKinematics`). The report says so while the hand stands.
 
-    Port `command` emits a `GraspCommand`. Its frame G is the estimated pose of O, raised while the
-    hand approaches. When all fingers touch, they stick to the object, and G moves on with the
-    estimated twist of the belt. It yields to the object's push (`HeldMotion.yielding`), so a table
-    that accelerates takes the hand along; it stays within `TETHER` of the estimate. For the lift, G
-    stops and moves straight along `lift_direction`. Contacts are held from closing or giving up
+    Port `approach` accepts a vector of 7: the time of the meeting with the object, and the place
+    and the velocity of the palm's axis until then (`InterceptionPlanner`). While it is not finite,
+    apart from the time, the hand is raised over the object.
+
+    Port `command` emits a `GraspCommand`. Its frame G is the estimated pose of O, raised or on its
+    way to the meeting while the hand approaches. When all fingers touch, they stick to the object,
+    and G moves on with the estimated twist of the belt. It yields to the object's push
+    (`HeldMotion.yielding`), so a table that accelerates takes the hand along; it stays within
+    `TETHER` of the estimate. For the lift, G stops and moves straight along `lift_direction`.
+    Contacts are held from closing or giving up
     until the next approach. A finger holds from the moment the hand closes until it releases; it
     may avoid obstacles at other times. The forces, once the hand closes, are those at the points of
     the object nearest to the fingertips. They balance weight and acceleration of the lift. The
@@ -189,6 +203,7 @@ class GraspSequencer(LeafSystem):
         tracking_status = self.DeclareVectorInputPort("tracking_status", 1)
         self._J_WT = self.DeclareVectorInputPort("J_WT", 3 * n * len(self._efforts))
         self._blocked = self.DeclareVectorInputPort("blocked_finger", 1)
+        self._approach = self.DeclareVectorInputPort("approach", 7)
         self._pose = ports.LastPose(self, self._X_WO, tracking_status)
         stored, time = self.xd_ticket(), self.time_ticket()
         cache, output = partial(ports.declare_cache, self), partial(ports.declare_output, self)
@@ -199,7 +214,7 @@ class GraspSequencer(LeafSystem):
         words, seen = "motion near the estimate", self._pose.source
         self._near = near = cache(words, _AT_REST, self._calc_near, held, seen)
         any_value = AbstractValue.Make(object())
-        also = (seen, self._V_WO, self._contacts)
+        also = (seen, self._V_WO, self._contacts, self._approach)
         command = cache("command", object(), self._calc_command, time, near, *also)
         self._command = command
         output("command", any_value, command.Eval, command)
@@ -274,13 +289,18 @@ class GraspSequencer(LeafSystem):
             if not memory.stands:
                 V_WG = memory.last.stopping(time + half, settings.stop_duration).V_WG
         axis = self._lift_axis if state.share > 0 else self._palm_axis
+        raised, rising = state.height.value(time), state.height.rate(time + half)
+        approach = self._approach.Eval(context)[1:].reshape(2, 3)
+        if state.phase == GraspPhase.APPROACH and are_valid(approach):
+            (p_WL, v_WL), p_GL_W, raised, rising = approach, R_WG @ self._p_OCoM, 0.0, 0.0
+            p_WG, V_WG = p_WL - p_GL_W, np.array([V_WG[0], v_WL - skew(V_WG[0]) @ p_GL_W])
         return GraspCommand(
             R_WO=R_WO,
             p_WO=p_WO,
             V_WO=V_WO,
             R_WG=R_WG,
-            p_WG=p_WG + state.height.value(time) * axis,
-            V_WG=np.array([V_WG[0], V_WG[1] + state.height.rate(time + half) * axis]),
+            p_WG=p_WG + raised * axis,
+            V_WG=np.array([V_WG[0], V_WG[1] + rising * axis]),
             is_tracked=is_tracked,
             holds_contacts=state.holds_contacts,
             standoffs=state.standoffs,
@@ -350,6 +370,7 @@ class GraspSequencer(LeafSystem):
             rows=rows,
             is_tracked=command.is_tracked,
             blocked=blocked,
+            has_met=context.get_time() >= self._approach.Eval(context)[0] - 1e-9,
         )
         squeeze = partial(self._plan_squeeze, context)
         after = next_state(state, view, self._settings, self._config.period, squeeze)

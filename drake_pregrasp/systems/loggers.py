@@ -144,6 +144,7 @@ class GraspRecord:
         X_WD: Pose of the turntable.
         link_forces: Largest forces between links and the object, surroundings and other fingers
             since the last tick, shape (3,), in newtons.
+        catch_certificate: Output of `InterceptionPlanner`, shape (5,).
     """
 
     time: float
@@ -155,6 +156,7 @@ class GraspRecord:
     X_WO: RigidTransform
     X_WD: RigidTransform
     link_forces: FloatArray = field(default_factory=lambda: np.zeros(len(TOUCHED)))
+    catch_certificate: FloatArray = field(default_factory=lambda: np.full(5, np.nan))
 
 
 class GraspLogger(LeafSystem):
@@ -172,13 +174,14 @@ class GraspLogger(LeafSystem):
         - X_WO
         - X_WD
         - link_forces
+        - catch_certificate
 
-    All ports except `f_T_W` and `link_forces` must be connected; without them, the recorded forces
-    are zero.
+    All ports except `f_T_W`, `link_forces` and `catch_certificate` must be connected; without them,
+    the recorded forces are zero, and the certificate is NaN.
 
     The ports accept the values of the output ports with these names: `grasp_report`, `p_GT`,
-    `p_WT`, `f_T_W` and `X_WG` of `HandController`, `X_WO`, `X_WD` and `link_forces` of
-    `HandStation`.
+    `p_WT`, `f_T_W`, `X_WG` and `catch_certificate` of `HandController`, `X_WO`, `X_WD` and
+    `link_forces` of `HandStation`.
 
     Args:
         num_fingers: Number of fingers n.
@@ -201,6 +204,7 @@ class GraspLogger(LeafSystem):
             X_WO=POSE,
             X_WD=POSE,
             link_forces=len(TOUCHED),
+            catch_certificate=5,
         )
         self.DeclarePeriodicPublishEvent(period, 0.0, self._log)
 

@@ -14,11 +14,14 @@ from drake_pregrasp.config.hand_description import Fingertip
 from drake_pregrasp.config.planner_config import MeasuresConfig
 from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.contacts.assignment import FREE_TURN
+from drake_pregrasp.diagrams.palm_meeting import meeting_settings
+from drake_pregrasp.fast import default_kernels
 from drake_pregrasp.geometry.mesh_solid import MeshSolid
 from drake_pregrasp.grasping.grasp_state import NO_LIMIT, NOT_BLOCKED
 from drake_pregrasp.grasping.hand_commands import GraspCommand
 from drake_pregrasp.grasping.hand_goals import HandGoals
 from drake_pregrasp.regions.finger_measures import FingerMeasures
+from drake_pregrasp.systems.interception_planner import InterceptionPlanner
 from drake_pregrasp.systems.sources import HandPose
 
 N, NQ, RADIUS = 5, 19, 0.009
@@ -90,6 +93,21 @@ def make_sequencer(config=None, object_solid=None, **changes):
         object_solid=object_solid or ball,
         efforts=efforts,
         **changes,
+    )
+
+
+def make_interception(p_WL=(0.3, -0.2, 0.25), **changes):
+    ball, upright, place = dp.BallSolid(np.zeros(3), 0.05), np.eye(3), np.array(p_WL)
+    q, config = HAND.home(place, 0.0), dp.GraspConfig(**changes)
+    return InterceptionPlanner(
+        meeting_settings(config, HAND, q, ball, 0.4, np.zeros(3), upright, 0.0, 1e-6),
+        R_AW=upright,
+        p_OCoM=np.zeros(3),
+        p_WL=place,
+        commitment=SETTINGS.closing_duration,
+        predicts=config.meeting.predicts,
+        period=CONTROL_PERIOD,
+        kernels=default_kernels().hand(),
     )
 
 
@@ -180,6 +198,7 @@ MAKERS = {
     "kinematics": make_kinematics,
     "shaper": lambda: make_shaper(lead=0.03, target_period=CONTROL_PERIOD),
     "sequencer": make_sequencer,
+    "interception": make_interception,
     "monitor": lambda: dp.GraspQualityMonitor(MEASURES, surface=SURFACE, num_contacts=N),
 }
 
@@ -205,7 +224,7 @@ def wall(x):
     return dp.Obstacles((dp.HalfSpace(X_G @ np.array([x, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0])),))
 
 
-FRAME_NAMES = ("X_WO", "X_WO_estimated", "X_WO_measured", "X_WH", "X_WU")
+FRAME_NAMES = ("X_WO", "X_WO_estimated", "X_WO_measured", "X_WG", "X_WH", "X_WU")
 CONTACTS = np.concatenate([0.05 * RING, RING], axis=None)
 VALUES = {
     **dict.fromkeys(FRAME_NAMES, (X_G, X_G @ TURNED)),
@@ -232,6 +251,8 @@ VALUES = {
         hand_goals(ring(0.09), p_WL=X_G.translation()),
     ),
     "close": ([0.0], [1.0]),
+    "approach": ([1.5, 0.3, -0.2, 0.25, 0, 0, 0], [np.inf, 0.4, -0.2, 0.25, 0.1, 0, 0]),
+    "grasp_report": (np.zeros(4), [1.0, 0, 0, 0]),
     "contacts": (np.append(CONTACTS, np.ones(N)), np.append(-CONTACTS, np.ones(N))),
     "p_WT": (ring(0.05 + RADIUS + 0.02).ravel(), (ring(0.05) + 0.01).ravel()),
     "f_T_W": (np.zeros(3 * N), np.ones(3 * N)),

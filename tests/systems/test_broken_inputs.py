@@ -29,15 +29,17 @@ PASSED_ON = {
     "sensor with memory": {"X_WO_measured", "measurement_time"},
     "hand pose": {"X_WH"},
     "fingertip sensor": {"p_WT", "f_T_W", "J_WT"},  # Nothing is known where the joints are not.
+    "interception": {"approach", "catch_certificate"},  # Without a meeting, its time is unknown.
     "sequencer": {"V_WO_held"},  # Where no hand holds the object, there is no such velocity.
 }
 """Outputs that say by NaN that something is not known."""
 
 KEPT = {
+    "interception": {"approach", "catch_certificate"},
     "sequencer": {"grasp_report"},
     "planner": {"p_WC", "p_WC_previous", "fingertip_targets", "safe_regions"},
 }
-"""Outputs that depend on the past: when a phase began, and where contacts came from."""
+"""Outputs that depend on the past: when a phase began, meetings, and where contacts came from."""
 
 SETTLED = 4.0  # Seconds of sound values, after which all is as if nothing had been.
 

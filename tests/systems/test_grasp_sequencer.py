@@ -13,6 +13,7 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase
 from drake_pregrasp.grasping.held_motion import FRICTION_SHARE, TETHER
 
+MEETING = 1.5  # Time of the meeting, in seconds.
 SLACK = FRICTION_SHARE * GraspConfig.planned_friction * 9.81 * 0.4 / (5 * 400.0)
 AT_TABLE = RigidTransform(RotationMatrix.MakeXRotation(0.3), [0.0, 0.0, 0.05])
 
@@ -30,13 +31,14 @@ def sequencer_over(X_WO, sequencer=None):
         V_WO_estimated=SpatialVelocity.Zero(),
         p_WT=tips_at(X_WO, 0.0),
         f_T_W=np.zeros(3 * N),
+        approach=[MEETING, *np.full(6, np.nan)],
     )
 
 
 def close_until_touch(hand, X_WO):
     """Closes with fingertips at their standoff, and then on the object."""
     hand.fix(close=[1.0], p_WT=tips_at(X_WO, SETTINGS.standoff))
-    hand.advance(SETTINGS.approach_duration + 0.1)
+    hand.advance(MEETING + 0.1)
     while (gap := hand.eval("command").standoffs[0]) > 0:
         hand.fix(p_WT=tips_at(X_WO, gap))
         hand.tick()
@@ -111,7 +113,7 @@ def test_the_hand_closes_by_its_contacts_whatever_is_nearest_to_the_standoffs():
         X_WO, make_sequencer(object_solid=BallSolid(np.array([0.0, 0.0, -0.5]), 0.4))
     )
     hand.fix(close=[1.0], p_WT=tips_at(X_WO, SETTINGS.standoff))
-    hand.advance(SETTINGS.approach_duration + 0.1)
+    hand.advance(MEETING + 0.1)
     assert hand.array("grasp_report")[0] == GraspPhase.CLOSE
 
 
@@ -123,21 +125,17 @@ def test_the_torques_of_the_joints_limit_the_squeeze(lever, reason):
     assert hand.array("grasp_report")[2] == reason
 
 
-def test_the_carried_frame_comes_down_to_the_object():
+def test_the_frame_moves_with_the_palm_until_they_meet_and_then_with_the_object():
     X_WO = RigidTransform(RotationMatrix.MakeZRotation(0.3), [0.1, 0.0, 0.05])
     hand = sequencer_over(X_WO)
-    heights, speeds = [], []
-    for _ in range(round(2.0 / CONTROL_PERIOD)):
-        X_WG = hand.eval("X_WG")
-        np.testing.assert_array_equal(X_WG.rotation().matrix(), X_WO.rotation().matrix())
-        heights.append(X_WG.translation()[2] - 0.05)
-        speeds.append(hand.eval("command").V_WG[1, 2])
-        hand.tick()
-    assert heights[0] == pytest.approx(SETTINGS.approach_height)
-    assert heights[-1] == pytest.approx(0)
-    assert np.all(np.diff(heights) <= 1e-12)
-    # The velocity is the average until the next tick: a later one lags by the speed's change.
-    np.testing.assert_allclose(speeds[:-1], np.diff(heights) / CONTROL_PERIOD, atol=1e-4)
+    place, velocity = [0.2, -0.1, 0.3], [0.4, 0.5, -0.6]
+    hand.fix(approach=[MEETING, *place, *velocity])
+    np.testing.assert_allclose(hand.eval("X_WG").translation(), place)
+    np.testing.assert_array_equal(hand.eval("X_WG").rotation().matrix(), X_WO.rotation().matrix())
+    np.testing.assert_allclose(hand.eval("command").V_WG, [np.zeros(3), velocity])
+    hand.advance(MEETING + 0.1)
+    assert hand.array("grasp_report")[0] == GraspPhase.TRACK
+    np.testing.assert_allclose(hand.eval("X_WG").translation(), X_WO.translation())
 
 
 def test_it_comes_along_the_axis_of_the_palm_and_lifts_along_a_direction_of_its_own():
@@ -161,7 +159,7 @@ def test_it_comes_along_the_axis_of_the_palm_and_lifts_along_a_direction_of_its_
     hand.fix(close=[0.0])
     hand.advance(SETTINGS.lift_duration + 0.1)
     np.testing.assert_allclose(raised(hand), 0, atol=1e-6)
-    hand.advance(SETTINGS.squeeze_duration + SETTINGS.approach_duration + 1.0)
+    hand.advance(SETTINGS.squeeze_duration + SETTINGS.rise_duration + 1.0)
     np.testing.assert_allclose(raised(hand), SETTINGS.approach_height * palm, atol=1e-6)
 
 

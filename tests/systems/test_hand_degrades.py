@@ -67,7 +67,7 @@ def phase(player):
 @pytest.fixture
 def tracking_hand():
     player = made_systems.driven("sequencer")
-    player.tick(int(made_systems.SETTINGS.approach_duration / made_systems.CONTROL_PERIOD) + 2)
+    player.tick(int(made_systems.VALUES["approach"][0][0] / made_systems.CONTROL_PERIOD) + 2)
     assert phase(player) == GraspPhase.TRACK
     player.fix(close=[1.0])
     return player

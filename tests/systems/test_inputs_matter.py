@@ -13,6 +13,7 @@ from drake_pregrasp.config.planner_config import filter_noise
 from drake_pregrasp.estimation.pose_belief import NO_MEASUREMENT, no_belief
 from drake_pregrasp.estimation.pose_track import PoseTrack
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
+from drake_pregrasp.grasping.palm_paths import Meeting
 
 FIRST = GraspState.first(N, SETTINGS)
 ALL = np.ones(N, dtype=bool)
@@ -27,6 +28,7 @@ BELIEF = replace(
     p_WCoM=np.tile(X_G.translation(), (MODELS, 1)),
     P=np.tile(1e-4 * np.eye(12), (MODELS, 1, 1)),
 )
+MEETING = replace(Meeting.above(0.1), time=1.0, meets=True)
 TRACK.steps[-1] = np.append(pack(replace(NO_MEASUREMENT, time=-PERIOD)), pack(BELIEF))
 
 
@@ -35,15 +37,16 @@ def test_outputs_follow_their_inputs(name):
     sound = driven(name)
     system, inputs = sound.system, sound.inputs
 
-    def numbers(fresh):
-        if (
-            name == "sequencer"
-        ):  # With this state, forces depend on contacts, and V_WO_held on tips.
+    def numbers(fresh, port):
+        # With this state, forces depend on contacts, V_WO_held on tips, and nothing on the meeting.
+        if name == "sequencer" and port != "approach":
             fresh.context.SetDiscreteState(0, TOUCHED.to_vector())
             fresh.context.SetDiscreteState(2, np.arange(3.0 * N))
             fresh.context.SetTime(CONTROL_PERIOD)
         if name == "kinematics":  # Forces are limited, so that measured positions matter.
             fresh.context.SetDiscreteState(1, np.repeat([0.0, 0.1], [NQ, N]))
+        if name == "interception":  # With this plan, the palm follows the object.
+            fresh.context.SetDiscreteState(0, pack(MEETING))
         if name.startswith("estimator"):  # With this state, the estimate depends on all its inputs.
             fresh.context.SetDiscreteState(0, [-PERIOD])
             fresh.context.SetDiscreteState(1, pack(TRACK))
@@ -51,11 +54,11 @@ def test_outputs_follow_their_inputs(name):
 
     for port in inputs:
         changed = Driven(system, **inputs)
-        before = numbers(changed)
+        before = numbers(changed, port)
         other = {port: VALUES[port][1]}
         changed.fix(**other)
         after = changed.numbers()
-        np.testing.assert_array_equal(after, numbers(Driven(system, **(inputs | other))))
+        np.testing.assert_array_equal(after, numbers(Driven(system, **(inputs | other)), port))
         index = system.GetInputPort(port).get_index()
         outputs = range(system.num_output_ports())
         is_used = any(system.HasDirectFeedthrough(index, output) for output in outputs)

@@ -1,0 +1,285 @@
+"""Compiled choice of a meeting of palm and object."""
+
+import math
+
+import numpy as np
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.fast.compiling import compiled
+from drake_pregrasp.grasping.interception import (
+    CHECKS,
+    DESCENTS,
+    LATENESS,
+    MARGIN,
+    NUM_TIMES,
+    PERSISTENCE,
+    RISES,
+    TOLERANCE,
+    Choice,
+    MeetingSettings,
+    limit_of_ways,
+    meeting_at,
+    meeting_times,
+    no_meeting,
+    place_of,
+)
+from drake_pregrasp.grasping.palm_paths import (
+    BASIS,
+    FINENESS,
+    JERK_RANGE,
+    PEAK_ACCELERATION,
+    PEAK_SPEED,
+    SAMPLES,
+    SNAP_ENDS,
+    Meeting,
+)
+
+_NUM_DESCENTS, _NUM_RISES = len(DESCENTS), len(RISES)
+_STEPS = DESCENTS.astype(np.int64)
+# Rows of samples, so that loops over samples become vector instructions.
+_B0, _B1, _B2 = (np.ascontiguousarray(BASIS[k]) for k in range(3))
+_S = np.arange(SAMPLES + 1) / SAMPLES
+
+
+@compiled()
+def way_shares(d0, d1, d2, x, v, a, T, low, high, speed, change):  # type: ignore[no-untyped-def]
+    """Returns shares of the limits of speed and acceleration on a way, as `peaks`.
+
+    The second one is infinite if the way leaves the travel.
+
+    Args:
+        d0: Offset along one axis at the start, in metres.
+        d1: Its rate, in m/s.
+        d2: Its acceleration, in m/s².
+        x: Position of the object at the start, in metres.
+        v: Its velocity, in m/s.
+        a: Its acceleration, in m/s².
+        T: Duration of the way, in seconds.
+        low: Smallest coordinate of the palm, in metres.
+        high: Largest coordinate of the palm, in metres.
+        speed: Largest speed, in m/s.
+        change: Largest acceleration, in m/s².
+    """
+    c0, c1, c2, per = d0, d1 * T, d2 * T * T, 1 / T
+    fast = hard = 0.0
+    lowest, highest = np.inf, -np.inf
+    for i in range(SAMPLES + 1):
+        t = T * _S[i]
+        place = x + t * (v + t / 2 * a) + c0 * _B0[0, i] + c1 * _B0[1, i] + c2 * _B0[2, i]
+        rate = v + t * a + per * (c0 * _B1[0, i] + c1 * _B1[1, i] + c2 * _B1[2, i])
+        gain = a + per * per * (c0 * _B2[0, i] + c1 * _B2[1, i] + c2 * _B2[2, i])
+        lowest, highest = min(lowest, place), max(highest, place)
+        fast, hard = max(fast, abs(rate)), max(hard, abs(gain))
+    snap = jerk = 0.0
+    for i in range(2):
+        ends = c0 * SNAP_ENDS[0, i] + c1 * SNAP_ENDS[1, i] + c2 * SNAP_ENDS[2, i]
+        snap = max(snap, abs(ends))
+    for i in range(3):
+        part = c0 * JERK_RANGE[0, i] + c1 * JERK_RANGE[1, i] + c2 * JERK_RANGE[2, i]
+        jerk = max(jerk, abs(part))
+    hard += FINENESS * snap * per * per
+    fast += FINENESS * jerk * per
+    slack = FINENESS * hard * T * T
+    if lowest - slack < low or highest + slack > high:
+        return fast / speed, np.inf
+    return fast / speed, hard / change
+
+
+@compiled()
+def room_at(x, v, a, t, lower, upper):  # type: ignore[no-untyped-def]
+    """Returns the least distance of the object after a time from the limits, in metres.
+
+    Args:
+        x: Position of the object, shape (3,), in metres.
+        v: Its velocity, shape (3,), in m/s.
+        a: Its acceleration, shape (3,), in m/s².
+        t: The time, in seconds.
+        lower: Smallest coordinates of the palm, shape (3,), in metres.
+        upper: Largest coordinates of the palm, shape (3,), in metres.
+    """
+    room = np.inf
+    for axis in range(3):
+        place = x[axis] + t * (v[axis] + t / 2 * a[axis])
+        room = min(room, min(place - lower[axis], upper[axis] - place))
+    return room
+
+
+@compiled("void(f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8[::1])")
+def write_possible(  # type: ignore[no-untyped-def]
+    motion, tau, numbers, lower, upper, speed, change, cost, passed
+):
+    """Writes what meetings cost by their times, infinite where the object cannot be met.
+
+    Args:
+        motion: Position, velocity and acceleration of the object, shape (3, 3).
+        tau: Times until the meetings, shape (times,), in seconds.
+        numbers: `earliest`, `follow`, `stop`, `grip`, `diffusion` and the variance.
+        lower: Smallest coordinates of the palm, shape (3,), in metres.
+        upper: Largest coordinates of the palm, shape (3,), in metres.
+        speed: Largest speeds, shape (3,), in m/s.
+        change: Largest accelerations, shape (3,), in m/s².
+        cost: Result, shape (times,).
+        passed: Result: number of times that pass each of the checks, in order, shape (5,).
+    """
+    x, v, a = motion
+    earliest, follow, stop, grip, diffusion, variance = numbers
+    is_even = True
+    for axis in range(3):
+        is_even &= abs(a[axis]) <= change[axis]
+    passed[:] = 0
+    for k in range(len(tau)):
+        t, cost[k] = tau[k], np.inf
+        here = room_at(x, v, a, t, lower, upper)
+        if not (t >= earliest and here >= 0):
+            continue
+        passed[0] += 1
+        keeps_up = True
+        for axis in range(3):
+            keeps_up &= abs(v[axis] + t * a[axis]) <= speed[axis]
+        if not keeps_up:
+            continue
+        passed[1] += 1
+        if not is_even:
+            continue
+        passed[2] += 1
+        squares, left, there = 0.0, np.inf, np.inf
+        for axis in range(3):
+            rate = v[axis] + (t + follow) * a[axis]
+            place = x[axis] + t * v[axis] + t * t / 2 * a[axis]
+            place += follow * (v[axis] + t * a[axis]) + follow * follow / 2 * a[axis]
+            end = place + stop / 2 * rate
+            squares += rate * rate
+            left = min(left, min(place - lower[axis], upper[axis] - place))
+            there = min(there, min(end - lower[axis], upper[axis] - end))
+        if not math.sqrt(squares) <= stop * grip:
+            continue
+        passed[3] += 1
+        if not (left >= 0 and there >= 0):
+            continue
+        passed[4] += 1
+        spread = math.sqrt(variance + diffusion * t * t * t)
+        near = min(1.0, max(0.0, min(here, there) / MARGIN))
+        cost[k] = LATENESS * t + spread / TOLERANCE + 1 - near
+
+
+@compiled(
+    "Tuple((i8, i8, i8, f8))(f8[:,::1], f8[:,::1], f8[::1], f8, f8, f8, f8[::1], f8[::1],"
+    " f8[::1], f8[::1], f8[::1], i8, i8, f8[:,:,::1])"
+)
+def cheapest_way(  # type: ignore[no-untyped-def]
+    offset,
+    motion,
+    tau,
+    step,
+    height,
+    sideways,
+    lower,
+    upper,
+    speed,
+    change,
+    cost,
+    row,
+    column,
+    ways,
+):
+    """Returns the cheapest way to the object, or the one that exceeds limits least.
+
+    Args:
+        offset: Offset of the palm from the object, its rate and acceleration, shape (3, 3).
+        motion: Position, velocity and acceleration of the object, shape (3, 3).
+        tau: Times until the meetings, shape (times,), in seconds.
+        step: Time between them, in seconds.
+        height: Least height over the object, in metres.
+        sideways: Largest offset sideways of a direct way, in metres.
+        lower: Smallest coordinates of the palm, shape (3,), in metres.
+        upper: Largest coordinates of the palm, shape (3,), in metres.
+        speed: Largest speeds, shape (3,), in m/s.
+        change: Largest accelerations, shape (3,), in m/s².
+        cost: Result of `write_possible`, shape (times,).
+        row: Row of the present plan, -1 without one.
+        column: Its column.
+        ways: Scratch, shape (times, 1 + number of heights, 2).
+
+    Returns:
+        Row and column as for the reference; 1 if speed exceeds its limit more than
+        acceleration; and the larger share of a limit, which is above 1 if no way keeps them.
+    """
+    x, v, a = motion
+    best, best_row, best_column = np.inf, 0, 0
+    least, is_slow = np.inf, 0
+    for k in range(len(tau)):
+        T, fast, hard = tau[k], 0.0, 0.0
+        for axis in range(2):
+            f, h = way_shares(
+                *(offset[0, axis], offset[1, axis], offset[2, axis], x[axis], v[axis], a[axis], T),
+                *(lower[axis], upper[axis], speed[axis], change[axis]),
+            )
+            fast, hard = max(fast, f), max(hard, h)
+        for j in range(1 + _NUM_RISES):
+            up = height + RISES[j - 1] if j else 0.0
+            f, h = way_shares(
+                *(offset[0, 2] - up, offset[1, 2], offset[2, 2], x[2] + up, v[2], a[2], T),
+                *(lower[2], upper[2], speed[2], change[2]),
+            )
+            ways[k, j, 0], ways[k, j, 1] = max(fast, f), max(hard, h)
+        if cost[k] == np.inf:
+            continue
+        aside = 0.0
+        for axis in range(2):
+            aside = max(aside, abs(offset[0, axis]) + T * abs(offset[1, axis]))
+        for c in range(1 + _NUM_DESCENTS * _NUM_RISES):
+            if c == 0:
+                if aside > sideways:
+                    continue
+                fast, hard = ways[k, 0, 0], ways[k, 0, 1]
+            else:
+                i, j = (c - 1) // _NUM_RISES, 1 + (c - 1) % _NUM_RISES
+                begun = k - _STEPS[i]
+                if begun < 0:
+                    continue
+                up, down = height + RISES[j - 1], step * _STEPS[i]
+                rate = abs(v[2] + tau[begun] * a[2])
+                fast = max(ways[begun, j, 0], (rate + PEAK_SPEED * up / down) / speed[2])
+                gain = (abs(a[2]) + PEAK_ACCELERATION * up / (down * down)) / change[2]
+                hard = max(ways[begun, j, 1], gain)
+            worst = max(fast, hard)
+            if worst < least:
+                least, is_slow = worst, 1 if fast >= hard else 0
+            if worst > 1:
+                continue
+            sum_ = cost[k] + fast * fast + hard * hard
+            if k == row and c == column:
+                sum_ *= PERSISTENCE
+            if sum_ < best:
+                best, best_row, best_column = sum_, k, c
+    return best_row, best_column, is_slow, least
+
+
+def compiled_choose_meeting(
+    offset: FloatArray,
+    motion: FloatArray,
+    variance: float,
+    now: float,
+    kept: Meeting,
+    settings: MeetingSettings,
+) -> Choice:
+    """See `choose_meeting`."""
+    step, limits = settings.step, settings.limits
+    first, tau = meeting_times(now, step)
+    bounds = limits.lower, limits.upper, limits.speed, limits.acceleration
+    numbers = np.array([settings.earliest, settings.follow, settings.stop, settings.grip])
+    numbers = np.append(numbers, [settings.diffusion, variance])
+    cost, passed = np.empty(NUM_TIMES), np.empty(len(CHECKS), dtype=np.int64)
+    offset, motion = np.ascontiguousarray(offset), np.ascontiguousarray(motion)
+    write_possible(motion, tau, numbers, *bounds, cost, passed)
+    if not passed.all():
+        return no_meeting(CHECKS[int(np.argmin(passed != 0))])
+    place = place_of(kept, now, first, settings) or (-1, -1)
+    scratch = np.empty((NUM_TIMES, 1 + _NUM_RISES, 2))
+    way = step, settings.height, settings.sideways
+    row, column, is_slow, least = cheapest_way(
+        offset, motion, tau, *way, *bounds, cost, *place, scratch
+    )
+    if least > 1:
+        return no_meeting(limit_of_ways(least, is_slow))
+    return meeting_at(row, column, first, settings)

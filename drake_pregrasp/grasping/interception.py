@@ -1,0 +1,352 @@
+"""Interception of a moving object: when and where a palm meets it, and what prevents it."""
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from drake_pregrasp.arrays import BoolArray, FloatArray, norms
+from drake_pregrasp.grasping.palm_paths import (
+    PEAK_ACCELERATION,
+    PEAK_SPEED,
+    Meeting,
+    PalmLimits,
+    peaks,
+)
+
+NUM_TIMES = 200
+"""Number of meeting times that are compared."""
+
+DESCENTS = np.array([7, 10, 14, 20, 28, 40, 56, 80])
+"""Durations of the descent to the object, as numbers of steps between meeting times."""
+
+RISES = np.array([0.0, 0.015, 0.03, 0.045, 0.06])
+"""Heights above the lowest one at which the palm may be over the object, in metres."""
+
+LATENESS = 0.3
+"""Cost of a second until the meeting."""
+
+TOLERANCE = 0.01
+"""Standard deviation of the object's position that costs 1, in metres."""
+
+MARGIN = 0.1
+"""Distance from the limits of the travel from which on it costs nothing, in metres."""
+
+PERSISTENCE = 0.8
+"""Share of its cost with which the present meeting is compared with others."""
+
+
+class CatchLimit(IntEnum):
+    """What prevents a hand from meeting an object.
+
+    Attributes:
+        NONE: The hand can meet the object.
+        SIGHT: The object is not tracked.
+        REACH: The object or the way to it is outside the palm's travel.
+        SPEED: The palm would have to be faster than its axes are.
+        ACCELERATION: The palm would have to accelerate more than its axes do.
+        TIME: The object leaves the palm's travel before the hand has closed.
+        GRIP: The fingers cannot hold the object while they stop it.
+    """
+
+    NONE = 0
+    SIGHT = 1
+    REACH = 2
+    SPEED = 3
+    ACCELERATION = 4
+    TIME = 5
+    GRIP = 6
+
+
+_REASONS = {
+    CatchLimit.SIGHT: "it is not in sight",
+    CatchLimit.REACH: "it is out of reach",
+    CatchLimit.SPEED: "the palm is too slow",
+    CatchLimit.ACCELERATION: "the palm does not accelerate enough",
+    CatchLimit.TIME: "it leaves too soon for the hand to close",
+    CatchLimit.GRIP: "the fingers are too weak to stop it",
+}
+
+
+def describe_catch_limit(limit: int) -> str | None:
+    """Describes what prevents a hand from meeting an object; None if nothing does.
+
+    Args:
+        limit: Value of `CatchLimit`.
+    """
+    return _REASONS.get(CatchLimit(limit))
+
+
+@dataclass(frozen=True, eq=False)
+class MeetingSettings:
+    """Settings of an interception; times in seconds, lengths in metres.
+
+    Attributes:
+        limits: Limits of the palm.
+        step: Time between meeting times that are compared, which are multiples of it.
+        earliest: Least time until a meeting.
+        follow: Time for which the hand moves with the object after the meeting, until it has
+            gripped it.
+        stop: Duration of the constant deceleration to rest after that.
+        height: Least height of the palm over its place at the object at which fingertips are clear
+            of the object.
+        sideways: Largest offset sideways at which fingertips may be beside the object.
+        grip: Largest acceleration that the fingers can give to the object, in m/s².
+        gravity: Acceleration of gravity along the axes of A, shape (3,), in m/s².
+        diffusion: Spectral density of the object's random acceleration, in m²/s³.
+    """
+
+    limits: PalmLimits
+    step: float
+    earliest: float
+    follow: float
+    stop: float
+    height: float
+    sideways: float
+    grip: float
+    gravity: FloatArray
+    diffusion: float
+
+
+class Choice(NamedTuple):
+    """Meeting that was chosen.
+
+    Attributes:
+        limit: What prevents every meeting; NONE if one was chosen.
+        over: Time at which the palm is over the object, in seconds; the time of the meeting for a
+            palm that goes there directly; NaN without a meeting.
+        time: Time of the meeting, in seconds; NaN without one.
+        height: Height of the palm over its place at `over`, in metres.
+    """
+
+    limit: CatchLimit
+    over: float
+    time: float
+    height: float
+
+
+CHECKS = (
+    CatchLimit.REACH,
+    CatchLimit.SPEED,
+    CatchLimit.ACCELERATION,
+    CatchLimit.GRIP,
+    CatchLimit.TIME,
+)
+"""Limits of the object's own motion at a meeting, in the order in which they are checked."""
+
+
+class _Course(NamedTuple):
+    """Predicted motion of the object at the meeting times, each of shape (times, 3).
+
+    Attributes:
+        places: Positions at the meeting, in metres.
+        rates: Velocities at the meeting, in m/s.
+        gripped: Velocities when the hand has gripped, in m/s.
+        left: Positions when the hand has gripped, in metres.
+        ends: Positions when the hand has stopped, in metres.
+    """
+
+    places: FloatArray
+    rates: FloatArray
+    gripped: FloatArray
+    left: FloatArray
+    ends: FloatArray
+
+
+def _course(motion: FloatArray, tau: FloatArray, settings: MeetingSettings) -> _Course:
+    (x, v, a), t, f = motion, tau[:, None], settings.follow
+    places, rates = x + t * v + t**2 / 2 * a, v + t * a
+    gripped, left = rates + f * a, places + f * rates + f**2 / 2 * a
+    return _Course(places, rates, gripped, left, left + settings.stop / 2 * gripped)
+
+
+def choose_meeting(
+    offset: FloatArray,
+    motion: FloatArray,
+    variance: float,
+    now: float,
+    kept: Meeting,
+    settings: MeetingSettings,
+) -> Choice:
+    """Chooses the meeting of lowest cost among all times and descents within the limits.
+
+    A meeting costs its lateness, the squares of the largest shares of the limits of speed and
+    acceleration, the standard deviation of the object's position then, and a small margin of reach.
+
+    Args:
+        offset: Offset of the palm from the object, its velocity and acceleration, shape (3, 3).
+        motion: Position, velocity and acceleration of the object, shape (3, 3).
+        variance: Variance of the object's estimated position, the sum over axes, in m².
+        now: Present time, in seconds.
+        kept: Present plan, which is kept unless another one is clearly better.
+        settings: Settings of the interception.
+    """
+    first, tau = meeting_times(now, settings.step)
+    course = _course(motion, tau, settings)
+    limit, possible = _possible_times(motion[2], tau, course, settings)
+    if limit != CatchLimit.NONE:
+        return no_meeting(limit)
+    speed, change, is_out = _ways(offset, motion, tau, course, settings)
+    worst = np.where(is_out | ~possible[:, None], np.inf, np.maximum(speed, change))
+    row, column = np.unravel_index(int(np.argmin(worst)), worst.shape)
+    if (least := float(worst[row, column])) > 1:
+        return no_meeting(limit_of_ways(least, speed[row, column] >= change[row, column]))
+    cost = _cost_of_times(variance, tau, course, settings)[:, None] + speed**2 + change**2
+    cost[worst > 1] = np.inf
+    if (place := place_of(kept, now, first, settings)) is not None:
+        cost[place] *= PERSISTENCE
+    row, column = np.unravel_index(int(np.argmin(cost)), cost.shape)
+    return meeting_at(int(row), int(column), first, settings)
+
+
+def meeting_times(now: float, step: float) -> tuple[int, FloatArray]:
+    """Returns the first meeting time as a number of steps, and the seconds until all of them."""
+    first = math.floor(now / step + 1e-9) + 1
+    tau: FloatArray = step * np.arange(first, first + NUM_TIMES, dtype=float) - now
+    return first, tau
+
+
+def no_meeting(limit: CatchLimit) -> Choice:
+    """Returns the choice if something prevents every meeting."""
+    return Choice(limit, np.nan, np.nan, 0.0)
+
+
+def limit_of_ways(least: float, is_slow: bool) -> CatchLimit:
+    """Returns what prevents every way to possible meetings.
+
+    Args:
+        least: Share of a limit on the way that exceeds limits least; infinite if all ways leave the
+            travel.
+        is_slow: Whether that limit is the speed.
+    """
+    if least == np.inf:
+        return CatchLimit.REACH
+    return CatchLimit.SPEED if is_slow else CatchLimit.ACCELERATION
+
+
+def meeting_at(row: int, column: int, first: int, settings: MeetingSettings) -> Choice:
+    """Returns the meeting in a row and a column of `_ways`."""
+    time = settings.step * (first + row)
+    if column == 0:
+        return Choice(CatchLimit.NONE, time, time, 0.0)
+    descent, rise = divmod(column - 1, len(RISES))
+    over = settings.step * (first + row - int(DESCENTS[descent]))
+    return Choice(CatchLimit.NONE, over, time, float(settings.height + RISES[rise]))
+
+
+def place_of(
+    kept: Meeting, now: float, first: int, settings: MeetingSettings
+) -> tuple[int, int] | None:
+    """Returns the row and the column of a plan in `_ways`; None if it is not among them."""
+    if not kept.meets:
+        return None
+    row, column = round(kept.time / settings.step) - first, 0
+    before = round((kept.time - kept.over) / settings.step)
+    if before in DESCENTS and kept.over > now:
+        rise = int(np.argmin(np.abs(settings.height + RISES - kept.height)))
+        column = 1 + len(RISES) * int(np.argmax(before == DESCENTS)) + rise
+    return (row, column) if 0 <= row < NUM_TIMES else None
+
+
+def _inside(points: FloatArray, limits: PalmLimits) -> BoolArray:
+    inside: BoolArray = np.all((limits.lower <= points) & (points <= limits.upper), axis=1)
+    return inside
+
+
+def _possible_times(
+    a: FloatArray, tau: FloatArray, course: _Course, settings: MeetingSettings
+) -> tuple[CatchLimit, BoolArray]:
+    """Returns at which times the object itself can be met, or what prevents it at all times."""
+    limits = settings.limits
+    reached = (tau >= settings.earliest) & _inside(course.places, limits)
+    is_even = np.full(len(tau), np.all(np.abs(a) <= limits.acceleration))
+    possible = np.ones(len(tau), dtype=bool)
+    checks = (
+        reached,
+        np.all(np.abs(course.rates) <= limits.speed, axis=1),
+        is_even,
+        norms(course.gripped) <= settings.stop * settings.grip,
+        _inside(course.left, limits) & _inside(course.ends, limits),
+    )
+    for limit, holds in zip(CHECKS, checks, strict=True):
+        possible &= holds
+        if not possible.any():
+            return limit, possible
+    return CatchLimit.NONE, possible
+
+
+def _ways(
+    offset: FloatArray,
+    motion: FloatArray,
+    tau: FloatArray,
+    course: _Course,
+    settings: MeetingSettings,
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Returns shares of the limits on all ways to the object.
+
+    The rows are meeting times. The columns are the direct way, which is for a palm that is over the
+    object already, and then each of the `DESCENTS` from each height.
+
+    Returns:
+        Shares of the largest speed, of the largest acceleration, and whether a way leaves the
+        travel.
+    """
+    limits, step, heights = settings.limits, settings.step, np.append(0.0, settings.height + RISES)
+    fast, hard, is_out = _ways_over(offset, motion, tau, heights, limits)
+    earlier = np.arange(NUM_TIMES)[:, None, None] - DESCENTS[:, None]
+    begun, up, j = np.maximum(earlier, 0), heights[1:], np.arange(1, len(heights))
+    down = step * DESCENTS[:, None]
+    falls = (np.abs(course.rates[begun, 2]) + PEAK_SPEED * up / down) / limits.speed[2]
+    yields = (np.abs(motion[2, 2]) + PEAK_ACCELERATION * up / down**2) / limits.acceleration[2]
+    speed = np.maximum(fast[begun, j], falls).reshape(NUM_TIMES, -1)
+    change = np.maximum(hard[begun, j], yields).reshape(NUM_TIMES, -1)
+    out = (is_out[begun, j] | (earlier < 0)).reshape(NUM_TIMES, -1)
+    aside = np.max(np.abs(offset[0, :2]) + tau[:, None] * np.abs(offset[1, :2]), axis=1)
+    directly = is_out[:, 0] | (aside > settings.sideways)
+    return (
+        np.column_stack([fast[:, 0], speed]),
+        np.column_stack([hard[:, 0], change]),
+        np.column_stack([directly, out]),
+    )
+
+
+def _ways_over(
+    offset: FloatArray,
+    motion: FloatArray,
+    tau: FloatArray,
+    heights: FloatArray,
+    limits: PalmLimits,
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Returns shares of the limits on the ways to places over the object, each (times, heights).
+
+    Returns:
+        Shares of the largest speed, of the largest acceleration, and whether a way leaves the
+        travel.
+    """
+    speed, change = np.zeros((2, len(tau), len(heights)))
+    out = np.zeros(speed.shape, dtype=bool)
+    ways = [(axis, 0.0, slice(None)) for axis in range(2)]
+    ways += [(2, height, slice(k, k + 1)) for k, height in enumerate(heights.tolist())]
+    for axis, height, columns in ways:
+        up = np.array([height, 0.0, 0.0])
+        found = peaks(offset[:, axis] - up, motion[:, axis] + up, tau)
+        fast, hard = found.speed / limits.speed[axis], found.acceleration
+        hard = hard / limits.acceleration[axis]
+        speed[:, columns] = np.maximum(speed[:, columns], fast[:, None])
+        change[:, columns] = np.maximum(change[:, columns], hard[:, None])
+        beyond = (found.lowest < limits.lower[axis]) | (found.highest > limits.upper[axis])
+        out[:, columns] |= beyond[:, None]
+    return speed, change, out
+
+
+def _cost_of_times(
+    variance: float, tau: FloatArray, course: _Course, settings: MeetingSettings
+) -> FloatArray:
+    """Returns what meetings cost that depends on their times only, shape (times,)."""
+    limits, both = settings.limits, np.stack([course.places, course.ends])
+    room = np.min(np.minimum(both - limits.lower, limits.upper - both), axis=(0, 2))
+    spread = np.sqrt(variance + settings.diffusion * tau**3)
+    cost: FloatArray = LATENESS * tau + spread / TOLERANCE + 1 - np.clip(room / MARGIN, 0, 1)
+    return cost

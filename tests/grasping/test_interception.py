@@ -1,0 +1,152 @@
+"""Laws of meetings: quintics end with the object, limits are kept, certificates are right."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import slow
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from throws import FALL, REST, SETTINGS, chosen, on_belt, plan_of, random_throws, with_limits
+
+from drake_pregrasp.fast import default_kernels
+from drake_pregrasp.grasping.interception import (
+    CatchLimit,
+    describe_catch_limit,
+)
+from drake_pregrasp.grasping.palm_paths import Meeting, moved, peaks, quintic
+
+numbers = arrays(float, (3, 3), elements=st.floats(-2, 2))
+
+
+def path_of(plan, count=60):
+    """Palm positions, velocities and accelerations from the start of a plan to the meeting."""
+    times = np.linspace(plan.start, plan.time - 1e-9, count)
+    return np.array([plan.object_at(t) + plan.offset_at(t) for t in times])
+
+
+@given(numbers, st.floats(0.05, 5))
+def test_quintics_meet_both_ends(start, duration):
+    np.testing.assert_allclose(quintic(start, 0.0, duration), start, atol=1e-9)
+    np.testing.assert_allclose(quintic(start, duration, duration), 0, atol=1e-6)
+
+
+@given(numbers, st.floats(0.2, 5), st.floats(0.1, 0.8))
+def test_a_quintic_that_is_planned_again_on_its_way_stays_the_same(start, duration, share):
+    since, later = share * duration, 0.95 * duration
+    again = quintic(quintic(start, since, duration), later - since, duration - since)
+    np.testing.assert_allclose(again, quintic(start, later, duration), atol=1e-8)
+
+
+@given(numbers, numbers, st.floats(0.05, 3))
+def test_no_part_of_a_way_is_beyond_its_peaks(offset, motion, duration):
+    bound = peaks(offset[:, 0], motion[:, 0], np.array([duration]))
+    at = np.linspace(0, duration, 400)
+    way = np.array([(moved(motion, t) + quintic(offset, t, duration))[:, 0] for t in at])
+    slack = 1e-9 * (1 + np.max(np.abs(way), axis=0))
+    assert np.max(np.abs(way[:, 1])) <= bound.speed[0] + slack[1]
+    assert np.max(np.abs(way[:, 2])) <= bound.acceleration[0] + slack[2]
+    assert bound.lowest[0] - slack[0] <= np.min(way[:, 0])
+    assert np.max(way[:, 0]) <= bound.highest[0] + slack[0]
+
+
+def test_a_plan_ends_with_the_object_over_it_and_then_at_it():
+    motion = on_belt(0.4, y=0.1)
+    plan = plan_of(chosen(motion), REST, motion)
+    np.testing.assert_allclose(plan.offset_at(0.0), REST - motion)
+    for before in (plan.over - 1e-9, plan.over):
+        high = [[0, 0, plan.height], np.zeros(3), np.zeros(3)]
+        np.testing.assert_allclose(plan.offset_at(before), high, atol=1e-6)
+    np.testing.assert_allclose(plan.offset_at(plan.time - 1e-9), 0, atol=1e-5)
+    # The way down begins clear of the object, and leads straight down.
+    down = path_of(replace(plan, start=plan.over, motion=plan.object_at(plan.over)))
+    assert plan.height >= SETTINGS.height
+    assert np.all(np.diff(down[:, 0, 2]) <= 1e-12)
+
+
+@pytest.mark.parametrize("throws", [300, slow(10_000)])
+def test_no_accepted_meeting_exceeds_the_limits(throws):
+    kernels, accepted = default_kernels().hand(), 0
+    for motion, palm, settings in random_throws(throws, 1):
+        choice = chosen(motion, palm, settings, choose=kernels.choose_meeting)
+        if choice.limit != CatchLimit.NONE:
+            assert np.isnan(choice.time)
+            continue
+        accepted += 1
+        plan = plan_of(choice, palm, motion)
+        places, rates, changes = path_of(plan).swapaxes(0, 1)
+        assert np.all(np.abs(rates) <= settings.limits.speed * (1 + 1e-9))
+        assert np.all(np.abs(changes) <= settings.limits.acceleration * (1 + 1e-9))
+        low, high = settings.limits.lower - 1e-9, settings.limits.upper + 1e-9
+        assert np.all((low <= places) & (places <= high))
+        left = plan.object_at(plan.time + settings.follow)[0]
+        assert np.all((low <= left) & (left <= high))
+    assert accepted > throws / 20
+
+
+@pytest.mark.parametrize(
+    ("motion", "settings", "limit"),
+    [
+        (on_belt(0.4), SETTINGS, CatchLimit.NONE),
+        (on_belt(1.5), SETTINGS, CatchLimit.SPEED),
+        (on_belt(0.4, x=-5.0), SETTINGS, CatchLimit.REACH),
+        (on_belt(0.4, y=2.0), SETTINGS, CatchLimit.REACH),
+        # It leaves the travel while the hand would still be closing.
+        (on_belt(1.0, x=0.8), SETTINGS, CatchLimit.TIME),
+        # It is met at 1 m/s, and stopping in 0.3 s takes 3.3 m/s².
+        (on_belt(1.0), replace(SETTINGS, grip=3.3), CatchLimit.GRIP),
+        (on_belt(1.0), with_limits(acceleration=np.full(3, 0.3)), CatchLimit.ACCELERATION),
+        # No palm falls as fast as an object with less acceleration than gravity.
+        (np.array([[0, 0, 1.5], np.zeros(3), FALL]), SETTINGS, CatchLimit.ACCELERATION),
+    ],
+)
+def test_the_certificate_names_what_limits_the_hand(motion, settings, limit):
+    assert chosen(motion, settings=settings).limit == limit
+    assert (describe_catch_limit(limit) is None) == (limit == CatchLimit.NONE)
+
+
+@given(
+    st.floats(0.0, 1.5),
+    st.floats(-1.4, 0.5),
+    st.floats(-0.3, 0.3),
+    st.tuples(*[st.floats(1.0, 3.0)] * 3),
+)
+def test_higher_limits_never_lose_a_meeting(speed, x, y, more):
+    motion = on_belt(speed, x, y)
+    limits = SETTINGS.limits
+    faster = with_limits(
+        speed=more[0] * limits.speed,
+        acceleration=more[1] * limits.acceleration,
+        upper=more[2] * limits.upper,
+    )
+    faster = replace(faster, grip=more[0] * SETTINGS.grip, follow=SETTINGS.follow / more[0])
+    if chosen(motion).limit == CatchLimit.NONE:
+        assert chosen(motion, settings=faster).limit == CatchLimit.NONE
+
+
+def test_a_meeting_stays_while_the_object_moves_as_predicted():
+    motion, kept, now = on_belt(0.4, y=0.1), None, 0.0
+    meetings = []
+    while not meetings or now < meetings[-1].time - 0.5:
+        palm = REST if kept is None else kept.object_at(now) + kept.offset_at(now)
+        here = moved(motion, now)
+        choice = chosen(here, palm, now=now, kept=kept)
+        kept = plan_of(choice, palm, here, now)
+        if now >= choice.over:
+            kept = replace(kept, over=choice.time, height=0.0)
+        meetings.append(choice)
+        now += 0.02
+    assert np.ptp([meeting.time for meeting in meetings]) < 1e-9
+    # The whole path is that of the first plan.
+    first = plan_of(meetings[0], REST, motion)
+    np.testing.assert_allclose(kept.offset_at(now), first.offset_at(now), atol=1e-6)
+
+
+def test_a_stop_ends_at_rest_where_it_says():
+    palm = np.array([[0.1, 0.2, 0.3], [1.0, -0.5, 0.0], [2.0, 0.0, 1.0]])
+    plan = Meeting.stopping(palm, 2.0, 0.4)
+    np.testing.assert_allclose(plan.object_at(2.0) + plan.offset_at(2.0), palm)
+    np.testing.assert_allclose(plan.offset_at(2.4 - 1e-9), 0, atol=1e-5)
+    np.testing.assert_allclose(plan.object_at(5.0)[0], [0.3, 0.1, 0.3])
+    assert not plan.meets

@@ -1,0 +1,124 @@
+"""The interception planner: its palm meets the object, without jumps, and waits unless it can."""
+
+import numpy as np
+import pytest
+from driven import Driven
+from made_systems import CONTROL_PERIOD, make_interception
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialVelocity
+
+from drake_pregrasp.config.grasp_config import MeetingConfig
+from drake_pregrasp.estimation.pose_track import TrackingStatus
+from drake_pregrasp.grasping.grasp_state import GraspPhase
+from drake_pregrasp.grasping.interception import CatchLimit
+
+HOME = np.array([0.0, 0.0, 0.2])
+START, BELT = np.array([-0.8, 0.1, 0.05]), np.array([0.4, 0.0, 0.0])
+
+
+class Belt:
+    """A palm that waits at home, and an object on a belt."""
+
+    def __init__(self, velocity=BELT, noise=0.0, **changes):
+        self.v, self.noise, self.random = np.array(velocity), noise, np.random.default_rng(0)
+        self.hand = Driven(
+            make_interception(HOME, **changes),
+            X_WO_estimated=RigidTransform(START),
+            V_WO_estimated=SpatialVelocity(np.zeros(3), self.v),
+            p_WO_covariance=1e-6 * np.eye(3).ravel(),
+            tracking_status=[TrackingStatus.TRACKING],
+            X_WG=RigidTransform(HOME),
+            grasp_report=np.zeros(4),
+        )
+        self.time = 0.0
+
+    def play(self, seconds):
+        """Times, places and velocities of the palm, and certificates, at each tick."""
+        rows = []
+        for _ in range(round(seconds / CONTROL_PERIOD)):
+            jump, drift = self.random.normal(0, self.noise, (2, 3))
+            self.hand.fix(
+                X_WO_estimated=RigidTransform(self.place() + jump),
+                V_WO_estimated=SpatialVelocity(np.zeros(3), self.v + drift),
+            )
+            rows.append(
+                [self.time, self.hand.array("approach"), self.hand.array("catch_certificate")]
+            )
+            self.hand.tick()
+            self.time += CONTROL_PERIOD
+        times, approach, certificates = zip(*rows, strict=True)
+        return np.array(times), np.array(approach), np.array(certificates)
+
+    def place(self):
+        return START + self.time * self.v
+
+
+def test_the_palm_meets_the_object_with_its_velocity():
+    belt = Belt()
+    times, approach, certificates = belt.play(3.0)
+    meeting = approach[5, 0]
+    np.testing.assert_allclose(approach[5 : int(meeting / CONTROL_PERIOD), 0], meeting)
+    np.testing.assert_allclose(certificates[5, :2], [CatchLimit.NONE, meeting])
+    np.testing.assert_allclose(certificates[5, 2:], START + meeting * BELT, atol=1e-9)
+    met = times >= meeting
+    np.testing.assert_allclose(approach[met, 1:4], START + times[met, None] * BELT, atol=1e-9)
+    np.testing.assert_allclose(approach[met, 4:], np.tile(BELT, (np.sum(met), 1)), atol=1e-9)
+    # The velocity is the mean one until the next tick.
+    steps = np.diff(approach[:, 1:4], axis=0) / CONTROL_PERIOD
+    np.testing.assert_allclose(approach[1:-1, 4:], steps[1:], atol=1e-6)
+
+
+def test_estimates_that_jump_do_not_make_the_palm_jump_on_its_way():
+    noise = 0.002
+    times, approach, _ = Belt(noise=noise).play(3.0)
+    steps = np.diff(approach[:, 1:4], axis=0)
+    # Until it is near, it takes up a jump over the rest of its way.
+    early = times[2:] < approach[5, 0] - 1.0
+    assert np.max(np.abs(np.diff(steps, axis=0))[early]) < noise / 2
+    assert np.max(np.abs(np.diff(steps, axis=0))) < 6 * noise
+
+
+def test_a_palm_that_sees_nothing_waits_and_one_on_its_way_stops():
+    belt = Belt()
+    belt.hand.fix(tracking_status=[TrackingStatus.LOST])
+    _, approach, certificates = belt.play(0.2)
+    np.testing.assert_allclose(approach[:, 1:], np.tile([*HOME, 0, 0, 0], (10, 1)), atol=1e-12)
+    assert np.all(approach[:, 0] == np.inf)
+    assert np.all(certificates[:, 0] == CatchLimit.SIGHT)
+    belt.hand.fix(tracking_status=[TrackingStatus.TRACKING])
+    _, moving, _ = belt.play(1.0)
+    assert np.linalg.norm(moving[-1, 4:]) > 0.01
+    belt.hand.fix(tracking_status=[TrackingStatus.LOST])
+    _, stopped, _ = belt.play(0.5)
+    steps = np.diff(stopped[:, 4:], axis=0) / CONTROL_PERIOD
+    assert np.max(np.abs(steps)) < 10.0
+    np.testing.assert_allclose(stopped[-1, 4:], 0, atol=1e-9)
+
+
+def test_a_palm_waits_for_an_object_that_it_cannot_meet():
+    _, approach, certificates = Belt(velocity=[2.0, 0.0, 0.0]).play(0.3)
+    assert np.all(approach[:, 0] == np.inf)
+    np.testing.assert_allclose(approach[:, 1:4], np.tile(HOME, (15, 1)), atol=1e-12)
+    assert certificates[-1, 0] == CatchLimit.SPEED
+    assert np.isnan(certificates[-1, 1:]).all()
+
+
+def test_a_hand_that_approaches_again_starts_where_it_is_and_follows_the_object_until_then():
+    belt = Belt()
+    belt.hand.fix(grasp_report=[GraspPhase.BACK_OFF, 0, 0, 0])
+    for _ in range(3):
+        belt.hand.fix(X_WG=RigidTransform(belt.place() + np.array([0.0, 0.0, 0.15])))
+        belt.play(CONTROL_PERIOD)
+    belt.hand.fix(grasp_report=np.zeros(4))
+    _, approach, _ = belt.play(0.04)
+    np.testing.assert_allclose(approach[0, 4:], BELT, atol=1e-9)
+    np.testing.assert_allclose(approach[0, 3], START[2] + 0.15)
+    assert approach[1, 0] < np.inf
+
+
+@pytest.mark.parametrize("predicts", [True, False])
+def test_without_a_prediction_the_palm_goes_where_the_object_is(predicts):
+    belt = Belt(meeting=MeetingConfig(predicts=predicts))
+    _, _, certificates = belt.play(0.1)
+    ahead = certificates[-1, 2] - belt.place()[0]
+    assert (ahead > 0.2) == predicts
