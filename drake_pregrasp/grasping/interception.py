@@ -70,7 +70,7 @@ _REASONS = {
 }
 
 
-def describe_catch_limit(limit: int) -> str | None:
+def describe_catch_limit(limit: float) -> str | None:
     """Describes what prevents a hand from meeting an object; None if nothing does.
 
     Args:

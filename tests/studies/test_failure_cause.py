@@ -9,6 +9,7 @@ from made_up_records import motion_of, record
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspState
+from drake_pregrasp.grasping.interception import CatchLimit
 from drake_pregrasp.studies.grasps.failure_cause import failure_cause
 
 TRACKED = [record(0.0, GraspPhase.APPROACH), record(2.0, GraspPhase.TRACK)]
@@ -48,6 +49,22 @@ def cause(records, reason=GiveUp.NONE, statuses=()):
 )
 def test_the_cause_follows_the_object_first_and_then_the_hand(records, reason, expected):
     assert cause(records, reason) == expected
+
+
+def test_a_hand_that_never_met_the_object_says_what_prevented_it():
+    waiting = record(9.0, GraspPhase.APPROACH)
+    certificate = np.array([CatchLimit.SPEED, *np.full(4, np.nan)])
+    slow = dataclasses.replace(waiting, catch_certificate=certificate)
+    assert cause([TRACKED[0], slow]) == "not met: the palm is too slow"
+    assert cause([TRACKED[0], waiting]) == "timed out"
+
+
+def test_closing_begins_when_the_hand_has_met_an_object_on_its_way():
+    coming = [record(0.1 * tick, GraspPhase.APPROACH, slid=0.1 * tick - 1.0) for tick in range(10)]
+    met = [record(1.0, GraspPhase.TRACK), record(1.1, GraspPhase.CLOSE, slid=0.001)]
+    motion = motion_of([*coming, *met], 0.0, is_carried=False)
+    assert motion["moved_closing_mm"] == pytest.approx(1.0)
+    assert motion["moved_before_mm"] is None
 
 
 def test_every_reason_of_the_hand_has_a_cause():

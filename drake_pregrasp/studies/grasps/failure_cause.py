@@ -8,6 +8,7 @@ import numpy as np
 from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspState
 from drake_pregrasp.grasping.held_criterion import part_moved
+from drake_pregrasp.grasping.interception import describe_catch_limit
 from drake_pregrasp.systems.loggers import GraspRecord
 
 TOPPLED_DEG = 20.0
@@ -69,6 +70,9 @@ def failure_cause(
         state: State of the grasp at its end.
     """
     phases = np.array([record.report[0] for record in records])
+    if not phases.any():
+        limit = records[-1].catch_certificate[0]
+        return f"not met: {describe_catch_limit(limit)}" if limit > 0 else TIMED_OUT
     was_lifted = np.isin(phases, (GraspPhase.LIFT, GraspPhase.HOLD))
     lifting = int(np.argmax(was_lifted)) if np.any(was_lifted) else len(records)
     if max(map(tilt_deg, records[:lifting])) - tilt_deg(records[0]) > TOPPLED_DEG:
