@@ -64,7 +64,7 @@ def test_a_planning_tick_of_the_base_case_is_small(monkeypatch: pytest.MonkeyPat
         monitor.GetOutputPort("grasp_quality").Eval(monitor.GetMyContextFromRoot(context))
 
     tick(first)
-    check(calls_of(lambda: tick(first + 1)), files=21, functions=85, count=168)
+    check(calls_of(lambda: tick(first + 1)), files=21, functions=86, count=170)
 
 
 @pytest.mark.slow
@@ -74,4 +74,4 @@ def test_a_control_tick_of_a_hand_is_small() -> None:
     for time in (2.011, 4.511, 5.211, 7.011):
         simulator.AdvanceTo(time)
         calls = calls_of(lambda end=time + 0.01: simulator.AdvanceTo(end))
-        check(calls, files=23, functions=84, count=144)
+        check(calls, files=23, functions=87, count=146)

@@ -52,5 +52,6 @@ class DepthSensorConfig:
     # metres.
     link_margin: float = field(default=0.006, metadata={"at_least": 0, "at_most": 1})
 
-    # So are points below this height over the table, in metres.
+    # So are points below and above these heights over the table, in metres.
     table_margin: float = field(default=0.004, metadata={"at_least": -10, "at_most": 1})
+    ceiling: float = field(default=0.3, metadata={"at_least": -10, "at_most": 10})

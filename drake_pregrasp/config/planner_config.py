@@ -102,6 +102,28 @@ class EstimatorConfig:
     # Least number of points that must fit, so that they measure the pose.
     fewest_points: int = field(default=20, metadata={"at_least": 1, "at_most": 20_000})
 
+    # Standard deviation of the displacement with which cameras show the object, because their
+    # places are not well known, per axis, in metres. Above 0, what touches the object tells it.
+    bias_std: float = field(
+        default=0.0,
+        metadata={"at_least": 0, "at_most": 1, "typical": (0.0, 0.02), "unit": "mm"},
+    )
+
+    # Seconds in which the correlation of the displacement falls to 1/e.
+    bias_time: float = field(default=30.0, metadata={"above": 0, "at_most": 1e6})
+
+    # Whether fingertips tell it: those that press touch the surface, the others are outside.
+    touch: bool = True
+
+    # Least force of a fingertip that touches, in newtons.
+    touch_force: float = field(default=0.35, metadata={"above": 0, "at_most": 1000})
+
+    # Standard deviation of the distance of something that touches from the surface, in metres.
+    touch_std: float = field(default=0.001, metadata=_STD | POSITION_NOISE)
+
+    # Whether an object that no hand holds rests on the plane z = 0 of W.
+    rests_on_table: bool = False
+
     # Seconds by which a measurement is overdue when the status becomes coasting: goals then follow
     # the prediction.
     coast_after: float = field(default=0.1, metadata=_TIME)

@@ -150,6 +150,7 @@ def add_grasping_hand(
         fingertip_frames=hand.kinematics.tip_frames,
         finger_measures=hand.finger_measures(surface) if planner.needs_finger_measures else None,
         object_solid=seen_solid,
+        tip_radii=hand.tip_radii,
     )
     connect(builder, weights, "contact_weights", planning)
     connect(builder, obstacles, "obstacles", planning)
@@ -159,7 +160,7 @@ def add_grasping_hand(
     connect(builder, source, "fingertip_targets contact_status", controller)
     connect(builder, planning, "X_WO_estimated V_WO_estimated tracking_status", controller)
     connect(builder, planning, "p_WO_covariance", controller)
-    connect(builder, controller, "hold_contacts V_WO_held X_WU", planning)
+    connect(builder, controller, "hold_contacts V_WO_held X_WU p_WT f_T_W", planning)
     if planner.limits.reach:
         connect(builder, controller, "X_WH", planning)
     return GraspingHand(controller, planning)

@@ -33,6 +33,8 @@ class PregraspPlanner(Diagram):
         - hold_contacts
         - V_WO_held
         - point_cloud
+        - p_WT
+        - f_T_W
         - finger_coordinates
         - candidate_coordinates
         - X_WU
@@ -50,14 +52,16 @@ class PregraspPlanner(Diagram):
         - time_since_measurement
         - measurement_verdict
         - innovation_squared
+        - camera_offset
 
     The ports are those of the systems inside, which document them: `X_WO_measured`,
-    `measurement_time`, `V_WO_held` and `point_cloud` (all optional), `X_WO_estimated`,
-    `V_WO_estimated`, `p_WO_covariance`, `tracking_status`, `time_since_measurement`,
-    `measurement_verdict` and `innovation_squared` of `PoseEstimator`; `contact_weights`,
-    `obstacles`, `X_WH`, `finger_coordinates`, `candidate_coordinates`, `X_WU` (all optional) and
-    `safe_regions` of `SafeRegionPartitioner`; `hold_contacts` (optional), `p_WC`, `contact_status`,
-    `contact_causes`, `fingertip_targets` and `p_WC_previous` of `CentroidSelector`.
+    `measurement_time`, `V_WO_held`, `point_cloud`, `p_WT` and `f_T_W` (all optional),
+    `X_WO_estimated`, `V_WO_estimated`, `p_WO_covariance`, `tracking_status`,
+    `time_since_measurement`, `measurement_verdict`, `innovation_squared` and `camera_offset` of
+    `PoseEstimator`; `contact_weights`, `obstacles`, `X_WH`, `finger_coordinates`,
+    `candidate_coordinates`, `X_WU` (all optional) and `safe_regions` of `SafeRegionPartitioner`;
+    `hold_contacts` (optional), `p_WC`, `contact_status`, `contact_causes`, `fingertip_targets` and
+    `p_WC_previous` of `CentroidSelector`.
 
     At a tick, all outputs are the same before and after the discrete update, except `safe_regions`
     and `p_WC_previous`, which change when the update stores the tick's new goals. If the poses at
@@ -72,6 +76,7 @@ class PregraspPlanner(Diagram):
         weight_function: A strategy of your own; see `CentroidSelector`.
         finger_measures: Measures of a hand's fingers; see `SafeRegionPartitioner`.
         object_solid: The object in O, for `point_cloud`; None without.
+        tip_radii: Radii of the fingertips of `p_WT`, in metres; see `PoseEstimator`.
         kernels: Implementation of what takes most of a tick; that of `default_kernels` by default.
 
     Attributes:
@@ -90,6 +95,7 @@ class PregraspPlanner(Diagram):
         weight_function: WeightFunction | None = None,
         finger_measures: FingerMeasures | None = None,
         object_solid: MeshSolid | None = None,
+        tip_radii: FloatArray | None = None,
         kernels: Kernels | None = None,
     ) -> None:
         super().__init__()
@@ -102,6 +108,7 @@ class PregraspPlanner(Diagram):
                 period=config.period,
                 p_OCoM=p_OCoM,
                 object_solid=object_solid,
+                tip_radii=tip_radii,
                 kernels=kernels,
             ),
         )
@@ -133,14 +140,14 @@ class PregraspPlanner(Diagram):
         export_inputs(builder, "X_WO_measured measurement_time", estimator)
         export_inputs(builder, "contact_weights obstacles X_WH", partitioner)
         export_inputs(builder, "hold_contacts", selector)
-        export_inputs(builder, "V_WO_held point_cloud", estimator)
+        export_inputs(builder, "V_WO_held point_cloud p_WT f_T_W", estimator)
         export_inputs(builder, "finger_coordinates candidate_coordinates X_WU", partitioner)
         export_outputs(builder, selector, "p_WC contact_status fingertip_targets")
         export_outputs(builder, estimator, "X_WO_estimated V_WO_estimated p_WO_covariance")
         export_outputs(builder, partitioner, "safe_regions")
         export_outputs(builder, selector, "contact_causes p_WC_previous")
         export_outputs(builder, estimator, "tracking_status time_since_measurement")
-        export_outputs(builder, estimator, "measurement_verdict innovation_squared")
+        export_outputs(builder, estimator, "measurement_verdict innovation_squared camera_offset")
         builder.BuildInto(self)
 
 
@@ -154,6 +161,7 @@ def AddPregraspPlanner(
     weight_function: WeightFunction | None = None,
     finger_measures: FingerMeasures | None = None,
     object_solid: MeshSolid | None = None,
+    tip_radii: FloatArray | None = None,
     name: str = "pregrasp_planner",
 ) -> PregraspPlanner:
     """Adds a `PregraspPlanner` to a diagram, and returns it.
@@ -170,6 +178,7 @@ def AddPregraspPlanner(
             `CentroidSelector`.
         finger_measures: Measures of a hand's fingers; see `SafeRegionPartitioner`.
         object_solid: The object in O, for `point_cloud`; None without.
+        tip_radii: Radii of the fingertips of `p_WT`, in metres; see `PoseEstimator`.
         name: Name of the system.
     """
     planner = PregraspPlanner(
@@ -180,6 +189,7 @@ def AddPregraspPlanner(
         weight_function=weight_function,
         finger_measures=finger_measures,
         object_solid=object_solid,
+        tip_radii=tip_radii,
     )
     builder.AddNamedSystem(name, planner)
     return planner

@@ -126,7 +126,9 @@ class ObjectPoints(LeafSystem):
         most = max(1, config.points // len(config.cameras))
         for camera, port in zip(config.cameras, self._clouds, strict=True):
             p_WQ = points_in(port.Eval(context)) + np.array(camera.bias)
-            p_WQ = thinned(p_WQ[p_WQ[:, 2] > config.table_margin], _MORE * most)
+            height = p_WQ[:, 2]
+            p_WQ = p_WQ[(height > config.table_margin) & (height < config.ceiling)]
+            p_WQ = thinned(p_WQ, _MORE * most)
             p_WQ = thinned(p_WQ[self._is_apart(context, p_WQ)], most)
             rays = p_WQ - np.array(camera.position)
             shifts = config.noise * rng.standard_normal(len(p_WQ)) / np.linalg.norm(rays, axis=1)

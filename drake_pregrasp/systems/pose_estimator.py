@@ -13,6 +13,7 @@ from drake_pregrasp.arrays import (
     FARTHEST,
     FloatArray,
     are_valid,
+    are_valid_points,
     finite_vector,
     number_or_nan,
     pack,
@@ -22,6 +23,8 @@ from drake_pregrasp.arrays import (
 from drake_pregrasp.config.planner_config import EstimatorConfig, tracker_settings
 from drake_pregrasp.config.validation import checked
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.estimation.camera_offset import CameraOffset
+from drake_pregrasp.estimation.point_measurement import SeenObject
 from drake_pregrasp.estimation.pose_belief import (
     NO_MEASUREMENT,
     PoseBelief,
@@ -32,12 +35,11 @@ from drake_pregrasp.estimation.pose_belief import (
 from drake_pregrasp.estimation.pose_filter import origin_covariance, predict, predicted_mean
 from drake_pregrasp.estimation.pose_track import FOLLOWED, PoseTrack, TrackingStatus
 from drake_pregrasp.estimation.pose_tracker import OLDEST, update_track
-from drake_pregrasp.estimation.registration import register_pose
-from drake_pregrasp.estimation.surface_alignment import SurfacePoints, align_pose, measured_part
+from drake_pregrasp.estimation.surface_alignment import SurfacePoints
 from drake_pregrasp.fast import default_kernels
 from drake_pregrasp.fast.kernels import Kernels
 from drake_pregrasp.geometry.mesh_solid import MeshSolid
-from drake_pregrasp.geometry.rotations import skew
+from drake_pregrasp.geometry.rotations import rotation_matrix, skew
 from drake_pregrasp.systems.ports import (
     CLOUD,
     POSE,
@@ -50,6 +52,7 @@ from drake_pregrasp.systems.ports import (
 WAITING_STD = 1.0
 """Standard deviation of the position before the first measurement, in metres."""
 
+_UP = np.array([0.0, 0.0, 1.0])
 _UNKNOWN = np.full(6, np.nan)  # Twist of an object that no hand holds.
 
 
@@ -82,6 +85,8 @@ class PoseEstimator(LeafSystem):
         - measurement_time
         - V_WO_held
         - point_cloud
+        - p_WT
+        - f_T_W
         output_ports:
         - X_WO_estimated
         - V_WO_estimated
@@ -90,6 +95,7 @@ class PoseEstimator(LeafSystem):
         - time_since_measurement
         - measurement_verdict
         - innovation_squared
+        - camera_offset
 
     Port `X_WO_measured` accepts a `RigidTransform`, which is sampled once each period. A pose that
     is not finite, has an invalid rotation, or is beyond `FARTHEST` is refused. It need not be
@@ -111,6 +117,10 @@ class PoseEstimator(LeafSystem):
     the surface of the object. The pose predicted for their time is aligned to them (`align_pose`);
     a direction that they do not observe keeps its uncertainty. Points of other bodies hardly count.
     Without a pose to start from, at first and after a loss, they are registered (`register_pose`).
+
+    Ports `p_WT` and `f_T_W` (optional, of the same size) accept vectors of 3n: the fingertips'
+    centres in W, in metres, and the forces that they press with, in W, in newtons. With `bias_std`
+    and `touch` of `config`, they correct what cameras show (`CameraOffset`).
 
     Port `X_WO_estimated` emits a `RigidTransform`: the estimated pose.
 
@@ -135,8 +145,12 @@ class PoseEstimator(LeafSystem):
 
     Port `innovation_squared` emits a vector of 2: νᵀ S⁻¹ ν of the position and of the orientation
     for the last measurement that was compared with a prediction; that of the position is given the
-    orientation. If the assumptions of the filter hold, each is chi-square distributed with 3
-    degrees of freedom.
+    orientation. If the assumptions hold, each is chi-square distributed with 3 degrees of freedom.
+
+    Port `camera_offset` emits a vector of 12: the estimated displacement of what cameras show, in
+    W, in metres, and its covariance, row-major, in m². It is subtracted from the position, to whose
+    covariance its own is added. A direction in which nothing touches keeps the variance of
+    `bias_std`.
 
     An interacting-multiple-model filter estimates the position of the centre of mass, the
     orientation and the twist (`estimation.pose_filter`). Between ticks the outputs are predictions,
@@ -149,6 +163,7 @@ class PoseEstimator(LeafSystem):
         period: Seconds between measurements, greater than zero.
         p_OCoM: The object's centre of mass in O, shape (3,), in metres; zero by default.
         object_solid: The object in O, for `point_cloud`; None without.
+        tip_radii: Radii of the fingertips of `p_WT`, shape (n,), in metres; none by default.
         kernels: Implementation of the filter's steps; that of `default_kernels` by default.
 
     Raises:
@@ -162,6 +177,7 @@ class PoseEstimator(LeafSystem):
         period: float,
         p_OCoM: FloatArray | None = None,
         object_solid: MeshSolid | None = None,
+        tip_radii: FloatArray | None = None,
         kernels: Kernels | None = None,
     ) -> None:
         super().__init__()
@@ -180,9 +196,12 @@ class PoseEstimator(LeafSystem):
         settings = tracker_settings(config, place if np.any(place) else None)
         kernels = kernels or default_kernels()
         self._settings = replace(settings, step=kernels.filter_step)
-        self._merged, self._noise, self._solid = kernels.merged, settings.noise, object_solid
-        self._align = kernels.align_pose() if object_solid is not None else align_pose
-        self._std = np.sqrt(np.repeat(settings.noise.variances, 3))
+        self._merged, self._noise = kernels.merged, settings.noise
+        self._seen_object = None
+        if object_solid is not None:
+            assumed = config.point_std, config.fewest_points, config.rests_on_table
+            solid, align = object_solid, kernels.align_pose()
+            self._seen_object = SeenObject(solid, self._noise, place, *assumed, align)
         # The track also holds the belief before the measurements that may be newer.
         models = len(self._noise.densities)
         self._no_track = PoseTrack.empty(config.late_measurements + 1, models)
@@ -194,6 +213,12 @@ class PoseEstimator(LeafSystem):
         self._measurement_time = self.DeclareVectorInputPort("measurement_time", 1)
         self._V_WO_held = self.DeclareAbstractInputPort("V_WO_held", VELOCITY)
         self._point_cloud = self.DeclareAbstractInputPort("point_cloud", CLOUD)
+        self._tip_radii = np.zeros(0) if tip_radii is None else tip_radii
+        size = 3 * len(self._tip_radii)
+        self._tips = [self.DeclareVectorInputPort(name, size) for name in ("p_WT", "f_T_W")]
+        self._no_offset = CameraOffset.unknown(config.bias_std)
+        self._unpack_offset = unpacker(self._no_offset)
+        self._offset_index = self.DeclareDiscreteState(pack(self._no_offset))
         self._declare_results()
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store_track)
 
@@ -211,20 +236,25 @@ class PoseEstimator(LeafSystem):
         words = "mixture of the models at the newest measurement of that track"
         self._mixture = cache(words, no_belief(), lambda c: merged(stored.Eval(c).newest), stored)
         words = "track at the Context's last tick, and its mixture"
-        model, sources = (self._no_track, no_belief()), (self.xd_ticket(), time)
-        inputs = self.all_input_ports_ticket()
-        self._track = track = cache(words, model, self._calc_track, *sources, inputs)
+        model, inputs = (self._no_track, no_belief()), self.all_input_ports_ticket()
+        self._track = track = cache(words, model, self._calc_track, self.xd_ticket(), time, inputs)
         words = "status, and mean of the prediction for the Context's time"
-        first, sources = _Estimate(TrackingStatus.WAITING, no_belief()), (time, track)
-        self._estimate = cache(words, first, self._calc_estimate, *sources, self._V_WO_held)
-        estimate = self._estimate
-        output("X_WO_estimated", POSE, self._calc_pose, estimate)
+        first = _Estimate(TrackingStatus.WAITING, no_belief())
+        self._estimate = estimate = cache(
+            words, first, self._calc_estimate, time, track, self._V_WO_held
+        )
+        words = "camera offset at the Context's last tick"
+        self._offset = offset = cache(
+            words, self._no_offset, self._calc_offset, self.xd_ticket(), estimate, inputs
+        )
+        output("X_WO_estimated", POSE, self._calc_pose, estimate, offset)
         output("V_WO_estimated", VELOCITY, self._calc_velocity, estimate)
-        output("p_WO_covariance", 9, self._calc_covariance, time, estimate)
+        output("p_WO_covariance", 9, self._calc_covariance, time, estimate, offset)
         output("tracking_status", 1, lambda c: estimate.Eval(c).status.value, estimate)
         output("time_since_measurement", 1, self._calc_age, time, track)
         output("measurement_verdict", 1, lambda c: track.Eval(c)[0].verdict.value, track)
         output("innovation_squared", 2, lambda c: track.Eval(c)[0].innovation_squared, track)
+        output("camera_offset", 12, lambda c: pack(offset.Eval(c))[1:], offset)
 
     def _calc_track(self, context: Context) -> tuple[PoseTrack, PoseBelief]:
         time = context.get_time()
@@ -252,30 +282,17 @@ class PoseEstimator(LeafSystem):
 
     def _seen(self, context: Context, track: PoseTrack, measured_at: float) -> PoseMeasurement:
         """Returns the part of a pose that points of the surface measure."""
-        config, solid, now = self._config, self._solid, context.get_time()
+        now = context.get_time()
         if not now - OLDEST <= measured_at <= now + self._period:  # The tracker refuses it.
             return replace(NO_MEASUREMENT, time=measured_at)
         if measured_at == track.last_seen[0]:
             return NO_MEASUREMENT
-        if solid is None:
+        if self._seen_object is None:
             raise InvalidArgumentError("port point_cloud needs the argument object_solid")
+        is_followed = self._status(track, now) in FOLLOWED
+        belief = self._merged(track.before(measured_at)) if is_followed else None
         p_WQ = points_in(self._point_cloud.Eval(context))
-        if len(p_WQ) < config.fewest_points:
-            return NO_MEASUREMENT
-        status, grid, std = self._status(track, now), solid.surface, self._std
-        if status in FOLLOWED:
-            belief = self._merged(track.before(measured_at))
-            dt = max(0.0, measured_at - belief.time)
-            R_WO, p_WCoM, _ = predicted_mean(belief, dt, self._noise.gravity)
-            points = SurfacePoints.seen(p_WQ, config.point_std)
-            found = self._align(grid, points, R_WO, p_WCoM - R_WO @ self._p_OCoM, std)
-        else:
-            found = register_pose(
-                grid, solid.corners, p_WQ, std, point_std=config.point_std, align=self._align
-            )
-        if found.fits < config.fewest_points:
-            return NO_MEASUREMENT
-        return measured_part(measured_at, found, std)
+        return self._seen_object.measured(p_WQ, measured_at, belief)
 
     def _status(self, track: PoseTrack, time: float) -> TrackingStatus:
         config = self._config
@@ -293,6 +310,7 @@ class PoseEstimator(LeafSystem):
         discrete_state.set_value(self._time_index, [context.get_time()])
         track, _ = self._track.Eval(context)
         discrete_state.set_value(self._track_index, pack(track))
+        discrete_state.set_value(self._offset_index, pack(self._offset.Eval(context)))
 
     def _calc_estimate(self, context: Context) -> _Estimate:
         track, belief = self._track.Eval(context)
@@ -325,7 +343,43 @@ class PoseEstimator(LeafSystem):
 
     def _calc_pose(self, context: Context) -> RigidTransform:
         _, _, R_WO, p_WO, _ = self._estimate.Eval(context)
+        p_WO = p_WO - self._offset.Eval(context).b_W
         return RigidTransform(RotationMatrix.ProjectToRotationMatrix(R_WO), p_WO)
+
+    def _calc_offset(self, context: Context) -> CameraOffset:
+        config, time = self._config, context.get_time()
+        if self._seen_object is None or not config.bias_std:
+            return self._no_offset
+        offset = self._unpack_offset(context.get_discrete_state(self._offset_index).value())
+        if offset.time > time:  # The clock was set back.
+            offset = self._no_offset
+        if tick_index(time, self._period) == tick_index(offset.time, self._period):
+            return offset
+        status, belief, R_WO, p_WO, V_WO = self._estimate.Eval(context)
+        offset = offset.predicted(time, config.bias_std, config.bias_time)
+        if status not in FOLLOWED:
+            return offset
+        R_WO = rotation_matrix(-config.lookahead * V_WO[:3]) @ R_WO
+        p_WO = p_WO - config.lookahead * V_WO[3:]
+        solid, P_WO = self._seen_object.solid, origin_covariance(belief, self._settings.p_OCoM)
+        if config.touch and all(port.HasValue(context) for port in self._tips):
+            offset = offset.corrected(solid, self._touching(context), R_WO, p_WO, P_WO)
+        if config.rests_on_table and not self._is_held(context):
+            height = p_WO[2] - offset.b_W[2] - solid.moved(R_WO, np.zeros(3)).highest(-_UP)
+            offset = offset.rested(height, P_WO[2, 2] + config.touch_std**2)
+        return offset
+
+    def _touching(self, context: Context) -> SurfacePoints:
+        """Returns the fingertips: those that press touch the surface, the others are outside."""
+        p_WT, f_T_W = (port.Eval(context).reshape(-1, 3) for port in self._tips)
+        known = are_valid_points(p_WT) & are_valid_points(f_T_W)
+        is_bound = np.linalg.norm(f_T_W[known], axis=1) < self._config.touch_force
+        std = np.full(len(is_bound), self._config.touch_std)
+        return SurfacePoints(p_WT[known], self._tip_radii[known], std, is_bound)
+
+    def _is_held(self, context: Context) -> bool:
+        port = self._V_WO_held
+        return port.HasValue(context) and are_valid(port.Eval(context).get_coeffs())
 
     def _calc_velocity(self, context: Context) -> SpatialVelocity:
         return SpatialVelocity(self._estimate.Eval(context).V_WO)
@@ -337,7 +391,9 @@ class PoseEstimator(LeafSystem):
         # The pose of a lost object stays, but its uncertainty grows on.
         ahead = self._ahead(context.get_time() - belief.time)
         predicted = predict(belief, ahead, self._noise.liveliest)
-        return origin_covariance(predicted, self._settings.p_OCoM)
+        P_WO: FloatArray = origin_covariance(predicted, self._settings.p_OCoM)
+        P_WO += self._offset.Eval(context).P
+        return P_WO
 
     def _calc_age(self, context: Context) -> float:
         newest = self._track.Eval(context)[0].steps[-1, 0]

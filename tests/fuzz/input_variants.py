@@ -105,6 +105,7 @@ _STAGES: dict[str, dict[str, Any]] = {
 }
 """Fields of the planner's configuration, by the names of the variants."""
 
+_OF_CAMERAS = ("point_cloud", "p_WT", "f_T_W")
 _OF_COORDINATES = ("finger_coordinates", "candidate_coordinates")
 
 VARIANTS = (*_STAGES, "planner")
@@ -122,7 +123,7 @@ def make_variant(name: str) -> Variant:
         p_OC = surface.p_OQ[[0, len(surface.p_OQ) // 3, 2 * len(surface.p_OQ) // 3]]
     diagram = (PregraspPlanner if name == "planner" else _Stages)(config, surface, p_OC)
     names = [diagram.get_input_port(k).get_name() for k in range(diagram.num_input_ports())]
-    unused = {"point_cloud"} if config.coordinates else {"point_cloud", *_OF_COORDINATES}
+    unused = _OF_CAMERAS if config.coordinates else (*_OF_CAMERAS, *_OF_COORDINATES)
     ports = tuple(name for name in names if name not in unused)
     return Variant(
         diagram=diagram,

@@ -59,9 +59,9 @@ def sloping_measures(size=0.2):
     return FingerMeasures(low, step, table, efforts=np.ones((N, 1)))
 
 
-def make_estimator(period=PERIOD, p_OCoM=None, object_solid=None, **changes):
-    config = dp.EstimatorConfig(**changes)
-    return dp.PoseEstimator(config, period=period, p_OCoM=p_OCoM, object_solid=object_solid)
+def make_estimator(period=PERIOD, p_OCoM=None, object_solid=None, tip_radii=None, **changes):
+    seen = {"object_solid": object_solid, "tip_radii": tip_radii}
+    return dp.PoseEstimator(dp.EstimatorConfig(**changes), period=period, p_OCoM=p_OCoM, **seen)
 
 
 def make_shaper(
@@ -185,7 +185,9 @@ MAKERS = {
     "sensor": lambda: dp.NoisyPoseSensor(SensorConfig(0.1, 0.1)),
     "sensor with memory": lambda: dp.NoisyPoseSensor(SensorConfig(0.1, 0.1, FAULTS), period=0.1),
     "estimator": make_estimator,
-    "estimator of points": lambda: make_estimator(object_solid=MeshSolid.of(SURFACE.mesh)),
+    "estimator of points": lambda: make_estimator(
+        object_solid=MeshSolid.of(SURFACE.mesh), tip_radii=np.full(N, 0.028), bias_std=0.01
+    ),
     "partitioner": lambda: make_partitioner(
         SURFACE,
         limits=LIMITS,
@@ -263,9 +265,9 @@ VALUES = {
 
 
 UNCONNECTED = {
-    "estimator": {"point_cloud"},
+    "estimator": {"point_cloud", "p_WT", "f_T_W"},
     "estimator of points": {"X_WO_measured"},
-    "planner": {"point_cloud"},
+    "planner": {"point_cloud", "p_WT", "f_T_W"},
 }
 """Ports in whose place another one is connected."""
 

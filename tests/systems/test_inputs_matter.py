@@ -20,7 +20,9 @@ ALL = np.ones(N, dtype=bool)
 TOUCHED = replace(FIRST, phase=GraspPhase.CLOSE, active=ALL, touched=ALL, share=0.5)
 MODELS = len(filter_noise(EstimatorConfig()).densities)
 TRACK = replace(
-    PoseTrack.empty(EstimatorConfig().late_measurements + 1, MODELS), V_held=np.zeros(6)
+    PoseTrack.empty(EstimatorConfig().late_measurements + 1, MODELS),
+    V_held=np.zeros(6),
+    confirmed_at=-PERIOD,
 )
 BELIEF = replace(
     no_belief(MODELS),

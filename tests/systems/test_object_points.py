@@ -13,7 +13,9 @@ import drake_pregrasp as dp
 from drake_pregrasp.geometry.mesh_solid import MeshSolid
 from drake_pregrasp.systems.ports import points_in
 
-CONFIG = dp.DepthSensorConfig([dp.CameraConfig()], period=0.1, latency=0.15, points=40, noise=0)
+CONFIG = dp.DepthSensorConfig(
+    [dp.CameraConfig()], period=0.1, latency=0.15, points=40, noise=0, ceiling=9.0
+)
 BOX = trimesh.creation.box([0.1, 0.08, 0.06])
 SOLID = MeshSolid.of(BOX)
 NOTHING = dp.MeasurementVerdict.NOTHING_NEW
@@ -41,9 +43,11 @@ def test_points_arrive_late_with_the_time_of_their_picture():
 
 
 def test_points_of_the_table_and_invalid_ones_are_left_out():
-    seen = [[0, 0, 0.1], [0.1, 0, 0.003], [0.1, 0, -1], [np.nan, 0, 1], [0, np.inf, 1]]
+    seen = [[0, 0, 0.1], [0, 0, 0.4], [0.1, 0, 0.003], [0.1, 0, -1], [np.nan, 0, 1], [0, np.inf, 1]]
     np.testing.assert_allclose(
-        points_of(dp.ObjectPoints(CONFIG), camera_0=cloud(seen)), [[0, 0, 0.1]], atol=1e-6
+        points_of(dp.ObjectPoints(replace(CONFIG, ceiling=0.3)), camera_0=cloud(seen)),
+        [[0, 0, 0.1]],
+        atol=1e-6,
     )
 
 
@@ -106,6 +110,30 @@ def test_an_estimator_registers_points_and_follows_them():
     assert np.linalg.norm(estimator.eval("V_WO_estimated").translational() - [0.2, 0, 0]) < 0.02
     estimator.at(0.6, point_cloud=cloud(seen_at(X_WO)[:5]), measurement_time=[0.6])
     assert estimator.eval("measurement_verdict")[0] == NOTHING  # Too few of them fit.
+
+
+def test_touches_correct_what_a_camera_with_a_wrong_place_shows():
+    """Two fingertips and the table tell the whole offset, and without touch only the height."""
+    X_WO, bias = RigidTransform([0.1, 0.05, 0.03]), np.array([0.004, -0.003, 0.005])
+    points = cloud(seen_at(X_WO) + bias)
+    p_WT = X_WO @ np.array([[0.059, 0, 0], [0, 0.049, 0], [0.3, 0, 0]]).T
+    pressed = np.array([[-1.0, 0, 0], [0, -1.0, 0], [0, 0, 0]])
+    for touch, left in ((True, [0, 0, 0]), (False, [*bias[:2], 0])):
+        config = dp.EstimatorConfig(bias_std=0.005, rests_on_table=True, touch=touch)
+        radii = np.full(3, 0.009)
+        estimator = Driven(
+            dp.PoseEstimator(config, period=0.05, object_solid=SOLID, tip_radii=radii),
+            point_cloud=points,
+            p_WT=p_WT.T.ravel(),
+            f_T_W=pressed.ravel(),
+        )
+        estimator.tick(20)
+        error = estimator.eval("X_WO_estimated").translation() - X_WO.translation()
+        np.testing.assert_allclose(error, left, atol=7e-4)
+        offset = estimator.eval("camera_offset")
+        np.testing.assert_allclose(offset[:3], bias - left, atol=7e-4)
+        stds = np.sqrt(offset[3:].reshape(3, 3).diagonal())
+        np.testing.assert_allclose(stds > 0.003, np.abs(left) > 0)
 
 
 def test_points_need_the_object():

@@ -1,0 +1,80 @@
+"""Measurement of a pose by the points that cameras see."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.estimation.pose_belief import (
+    NO_MEASUREMENT,
+    PoseBelief,
+    PoseFilterNoise,
+    PoseMeasurement,
+)
+from drake_pregrasp.estimation.pose_filter import predicted_mean
+from drake_pregrasp.estimation.registration import register_pose
+from drake_pregrasp.estimation.surface_alignment import (
+    Alignment,
+    SurfacePoints,
+    align_pose,
+    measured_part,
+)
+from drake_pregrasp.geometry.mesh_solid import MeshSolid
+
+_REGISTERED = 0.5  # Least share of points that fit a first pose.
+
+
+@dataclass(frozen=True, eq=False)
+class SeenObject:
+    """An object whose pose points measure, and what is assumed about them.
+
+    Attributes:
+        solid: The object in O.
+        noise: Noise and motion that the filter assumes: of a pose, errors that all points share.
+        p_OCoM: Centre of mass in O, shape (3,), in metres.
+        point_std: Standard deviation of a point's distance from the surface, in metres.
+        fewest: Least number of points that must fit.
+        rests_on_table: Whether the object rests on the plane z = 0 of W at first.
+        align: Implementation of `align_pose`.
+    """
+
+    solid: MeshSolid
+    noise: PoseFilterNoise
+    p_OCoM: FloatArray
+    point_std: float
+    fewest: int
+    rests_on_table: bool
+    align: Callable[..., Alignment] = align_pose
+
+    def measured(self, p_WQ: FloatArray, time: float, belief: PoseBelief | None) -> PoseMeasurement:
+        """Returns the part of a pose that points measure, or no measurement if too few fit.
+
+        Args:
+            p_WQ: The points in W, shape (N, 3), in metres.
+            time: Their time, in seconds.
+            belief: Belief of one model from before that time; None if there is none to follow.
+        """
+        least, grid = float(self.fewest), self.solid.surface
+        std = np.sqrt(np.repeat(self.noise.variances, 3))
+        if len(p_WQ) < least:
+            return NO_MEASUREMENT
+        if belief is None:
+            least = max(least, _REGISTERED * len(p_WQ))
+            found = register_pose(
+                grid,
+                self.solid.corners,
+                p_WQ,
+                std,
+                point_std=self.point_std,
+                table=self.rests_on_table,
+                align=self.align,
+            )
+        else:
+            dt = max(0.0, time - belief.time)
+            R_WO, p_WCoM, _ = predicted_mean(belief, dt, self.noise.gravity)
+            points = SurfacePoints.seen(p_WQ, self.point_std)
+            found = self.align(grid, points, R_WO, p_WCoM - R_WO @ self.p_OCoM, std)
+        if not (found.fits >= least and np.isfinite(found.p_WO).all()):
+            return NO_MEASUREMENT
+        return measured_part(time, found, std)
