@@ -120,7 +120,8 @@ class StartCandidates:
         """
         constraints, p, nhat = self._hand.constraints_at(yaw), self.p_OQ, self.nhat_OQ
         predicates, gaps = constraints.predicates(self._n), np.full(self._n, np.inf)
-        beyond = self._hand.workspace_gaps(yaw, self._ways[0], np.inf)
+        ends = (self._hand.workspace_gaps(yaw, self._ways[end], np.inf) for end in (0, -1))
+        beyond = np.maximum(*ends)
         for i, row in enumerate(predicates.contacts[:, REACH_SOLID.start : SECTOR.stop]):
             angles = np.concatenate([EVERYWHERE, row[19:]])
             faces = reached(angles, p, nhat, self._ways[-1][i])
@@ -160,9 +161,8 @@ class StartCandidates:
             count: Number of places.
         """
         p_OT = self._level[free]
-        nearest = np.linalg.norm(
-            p_OT - p_OT[np.argmax(np.linalg.norm(p_OT - p_OT[0], axis=1))], axis=1
-        )
+        first = np.argmax(np.linalg.norm(p_OT - p_OT[0], axis=1))
+        nearest = np.linalg.norm(p_OT - p_OT[first], axis=1)
         for _ in range(count - 2):
             nearest = np.minimum(nearest, np.linalg.norm(p_OT - p_OT[np.argmax(nearest)], axis=1))
         return float(np.max(nearest)), float(np.min(self._room))

@@ -266,6 +266,14 @@ class _Search:
         p_OC = self._p[self._nearest_candidates(trial)]
         return StartContacts(p_OC, trial.candidates != AWAY, trial.yaw, trial.margin, trial.score)
 
+    def _missing_reach(self) -> str:
+        """Returns in words by how much fingers that are needed miss the object."""
+        gaps = [np.sort(self._candidates.reach_gaps_at(yaw)) for yaw in self.yaws()]
+        gap = 1e3 * min(own[self._hand.least_fingers - 1] for own in gaps)
+        if not gap < np.inf:
+            return "face no side that they may touch"
+        return f"end {gap:.3g} mm off" if gap > 0 else "get there with too small measures"
+
     def _missing_room(self, limits: list[IntArray]) -> str:
         """Returns in words by how much fingertips are too large, or too near to each other."""
         least, yaws = self._hand.least_fingers, self.yaws()
@@ -274,8 +282,9 @@ class _Search:
             return (
                 f", and the missing ones are {missing:.3g} mm too large for their roomiest places"
             )
-        free = [at == Limit.NONE for at in limits]
-        apart, needed = max(self._candidates.spread(mask, least) for mask in free if np.any(mask))
+        free = [at == Limit.NONE for at in limits if np.any(at == Limit.NONE)]
+        spreads = (self._candidates.spread(mask, least) for mask in free)
+        apart, needed = max(spreads, default=(np.inf, 0.0))
         if apart > needed:
             return ""
         there = f"{least} places in reach are at most {1e3 * apart:.3g} mm apart"
@@ -302,12 +311,9 @@ class _Search:
         reached, one_sided = lacks([~np.isin(at, (Limit.FORBIDDEN, Limit.REACH)) for at in limits])
         if reached < least:
             detail = f"at most {reached} fingers reach it at any yaw; {least} are needed"
-            gaps = [np.sort(self._candidates.reach_gaps_at(yaw)) for yaw in self.yaws()]
-            gap = 1e3 * min(gap[least - 1] for gap in gaps)
-            others = f"the missing ones end {gap:.3g} mm off"
-            if not gap < np.inf:
-                others = "the missing ones face no side that they may touch"
-            return NoGraspError(Lack.REACH, f"{detail}, and {others}")
+            return NoGraspError(
+                Lack.REACH, f"{detail}, and the missing ones {self._missing_reach()}"
+            )
         if one_sided and np.any(opposite):
             apart = 1e3 * np.max(pdist(self._candidates.across(self._hand.p_OT_at(self._hand.yaw))))
             from_planes = self._p @ self._normals.T - np.sum(self._p * self._normals, axis=1)
