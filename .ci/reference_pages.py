@@ -7,6 +7,7 @@ A test fails if a page differs from what this script would write.
 
 import argparse
 import ast
+import enum
 import importlib
 import inspect
 import itertools
@@ -54,7 +55,35 @@ def run_page() -> str:
     lines = [
         "# Columns and keys of a run",
         "[The files of a run](../run_folder.md) explains them. Lengths are in metres, times in "
-        "seconds, forces in newtons. `{i}` is the index of a contact or finger.",
+        "seconds, forces in newtons. `{i}` is the index of a contact or finger. Numbers that stand "
+        "for names are [codes](codes.md).",
+        MADE.format("docstrings"),
+        *sections,
+    ]
+    return "\n\n".join(lines) + "\n"
+
+
+# Codes.
+
+
+def codes_page() -> str:
+    """Returns the page of the numbers that ports and logs use for names."""
+    public = [getattr(drake_pregrasp, name) for name in drake_pregrasp.__all__]
+    sections = []
+    for kind in (item for item in public if isinstance(item, enum.EnumMeta)):
+        *texts, attributes = (inspect.getdoc(kind) or "").split("\n\n")
+        entries = re.findall(r"^    ([A-Z_, ]+): (.*(?:\n     .*)*)", attributes, flags=re.M)
+        meanings = {
+            name: " ".join(text.split()) for names, text in entries for name in names.split(", ")
+        }
+        members = sorted(kind, key=lambda member: member.value)
+        rows = [f"| {m.value} | `{m.name}` | {meanings[m.name]} |" for m in members]
+        rows = ["| code | name | meaning |", "|---|---|---|", *rows]
+        sections += [f"## {kind.__name__}", *(" ".join(text.split()) for text in texts)]
+        sections.append("\n".join(rows))
+    lines = [
+        "# Codes",
+        "Ports and logs hold these numbers. In Python, `TrackingStatus(2).name` returns the name.",
         MADE.format("docstrings"),
         *sections,
     ]
@@ -256,6 +285,7 @@ def pages() -> dict[str, str]:
         **key_pages(),
         "study_keys.md": study_page(),
         "run_files.md": run_page(),
+        "codes.md": codes_page(),
         "limits.md": limits_page(),
         "ports.md": ports_page(),
         "commands.md": commands_page(),

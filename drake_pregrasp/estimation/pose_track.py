@@ -56,14 +56,20 @@ class MeasurementVerdict(IntEnum):
         USED_LATE: The measurement corrected the belief of its own time, and the later measurements
             were used again.
         STARTED: The belief starts from this measurement: it is the first one, or the first one
-            after a long silence.
-        REACQUIRED: The measurement and the refused ones before it agree with each other: the belief
-            continues from them.
-        UNUSABLE: Refused: its time or its pose is invalid.
-        TOO_LATE: Refused: it is older than all measurements in memory.
-        OUTLIER: Refused: no model of the motion explains it. If only an unlikely model does, it is
-            held back until the next measurement; if that one agrees, both are used.
-        REPEATED: Refused: a sensor with noise has repeated itself to the last bit.
+            after 100 s of silence.
+        REACQUIRED: The measurement and the two refused ones before it agree with each other: the
+            belief continues from them.
+        UNUSABLE: Refused, at each tick that reads it: it is not finite or not a valid rotation, its
+            time is in the future or more than eleven days ago, or it is farther away than 10,000
+            km.
+        TOO_LATE: Refused: more than `late_measurements` used ones are newer, or it is older than a
+            jump or than a change of the velocity at the port `V_WO_held`.
+        OUTLIER: Refused: it is farther than `gate` standard deviations (Mahalanobis) from the
+            prediction of each model. If it is nearer only to models with less than 10 % of the
+            weight, it is held back; if the next one agrees with it, both are used, as the start of
+            a manoeuvre.
+        REPEATED: Refused: a sensor with noise has repeated itself to the last bit while the object
+            moved.
     """
 
     NOTHING_NEW = 0

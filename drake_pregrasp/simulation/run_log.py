@@ -210,7 +210,7 @@ def log_columns(num_contacts: int) -> list[str]:
       this time. With look-ahead, that is an earlier prediction, and NaN until there is one.
     - `c{i}_status`, `c{i}_cause`: `ContactStatus`, and the index of the contact or obstacle that
       causes it, or -1.
-    - `tracking_status`: `TrackingStatus`: 0 waiting, 1 tracking, 2 coasting, 3 lost.
+    - `tracking_status`: `TrackingStatus`.
     - `time_since_measurement`: age of the newest measurement in the estimate.
     """
     contacts = range(num_contacts)
