@@ -95,6 +95,11 @@ def real_path(path: Path) -> Path:
     return Path(os.path.realpath(path))
 
 
+def file_url(path: Path) -> str:
+    """Returns the URL of a file as Drake reads it, which knows no `%20` for a space."""
+    return f"file://{path}"
+
+
 def check_inside(path: Path, folders: Sequence[Path]) -> None:
     """Raises an error unless a file is in one of some folders, at any depth.
 

@@ -15,7 +15,7 @@ from drake_pregrasp.diagrams.model_files import (
 )
 from drake_pregrasp.diagrams.package_files import find_packages, located
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
-from drake_pregrasp.resources import check_inside, real_path, resource_folder
+from drake_pregrasp.resources import check_inside, file_url, real_path, resource_folder
 from drake_pregrasp.robots.robot_models import ROBOTS_URL, cache_folder, robot_model
 
 YAML = (".yaml", ".yml")
@@ -114,12 +114,12 @@ def _copied_file(name: str, source: Path, allowed: Sequence[Path], totals: Total
     """Returns the URL of the copy of a file that directives name."""
     totals.add("files", MAX_FILES)
     if name.startswith(ROBOTS_URL):
-        return robot_model(name).as_uri()
+        return file_url(robot_model(name))
     path = real_path(source.parent / located(name, find_packages(source)))
     if not needs_copy(path):
-        return path.as_uri()
+        return file_url(path)
     if path.name.endswith(DIRECTIVES):
         copy = CheckedModel(_copied_directives(path, allowed, totals), DIRECTIVES_KIND, (), ())
     else:
         copy = checked_model(path, allowed, totals)
-    return written_copy(copy).as_uri()
+    return file_url(written_copy(copy))

@@ -29,7 +29,7 @@ from drake_pregrasp.diagrams.hand_instances import HandInstances
 from drake_pregrasp.diagrams.model_files import CheckedModel
 from drake_pregrasp.diagrams.object_contact import make_compliant
 from drake_pregrasp.errors import InvalidArgumentError, ProblemsError, first_line
-from drake_pregrasp.resources import resolve_path
+from drake_pregrasp.resources import file_url, resolve_path
 from drake_pregrasp.robots.robot_models import ROBOTS_URL, robot_model
 from drake_pregrasp.systems.hand_kinematics import fingertip_geometries
 from drake_pregrasp.systems.palm_frames import FROM_ABOVE
@@ -116,7 +116,7 @@ def read_model(model: str) -> CheckedModel:
     """
     if needs_copy(path := model_path(model)):
         return checked_copy(path)
-    directives = [{"add_model": {"name": HAND, "file": path.as_uri()}}]
+    directives = [{"add_model": {"name": HAND, "file": file_url(path)}}]
     return CheckedModel(dump_yaml({"directives": directives}), DIRECTIVES_KIND, (path,), ())
 
 

@@ -24,7 +24,13 @@ from drake_pregrasp.diagrams.package_files import (
 )
 from drake_pregrasp.errors import InvalidArgumentError, printable
 from drake_pregrasp.geometry.meshes import MESH_SUFFIXES, companions, read_pieces
-from drake_pregrasp.resources import check_inside, copies_folder, real_path, resource_folder
+from drake_pregrasp.resources import (
+    check_inside,
+    copies_folder,
+    file_url,
+    real_path,
+    resource_folder,
+)
 from drake_pregrasp.robots.robot_meshes import write_obj
 from drake_pregrasp.robots.urdf_repair import DRAKE
 
@@ -199,9 +205,7 @@ class _Copier:
         self._fill(copied, root, depth)
         if self._left_out and not self._model.is_relative_to(resource_folder("models")):
             names = printable(", ".join(sorted(self._left_out)), MAX_VALUE)
-            self._totals.left_out.append(
-                f"{self._model}: this is left out, because a hand does not need it: {names}"
-            )
+            self._totals.left_out.append(f"{self._model}: left out, as no hand needs it: {names}")
         text = ElementTree.tostring(copied, encoding="unicode")
         totals = self._totals
         return CheckedModel(text, self._kind, tuple(totals.files), tuple(totals.left_out))
@@ -240,7 +244,7 @@ class _Copier:
         part = _Copier(path, self._packages, self._allowed, self._totals)
         part._parts = self._parts
         merged = ElementTree.SubElement(copied, "include", merge="true")
-        ElementTree.SubElement(merged, "uri").text = written_copy(part.copy(depth)).as_uri()
+        ElementTree.SubElement(merged, "uri").text = file_url(written_copy(part.copy(depth)))
         for child in include:
             if child.tag in ("name", "pose", "placement_frame"):
                 self._fill(ElementTree.SubElement(merged, child.tag), child, depth)
@@ -311,9 +315,9 @@ class _Copier:
             self._totals.meshes[use] = self._write_mesh(name, path)
         written = self._totals.meshes[use]
         if key:
-            copied.set(key, str(written) if self._kind == "xml" else written.as_uri())
+            copied.set(key, str(written) if self._kind == "xml" else file_url(written))
         else:
-            ElementTree.SubElement(copied, "uri").text = written.as_uri()
+            ElementTree.SubElement(copied, "uri").text = file_url(written)
         if self._kind == "xml":
             copied.set("name", element.get("name", Path(name).stem))
 
@@ -353,7 +357,7 @@ class _Copier:
         if not written.is_file():
             written.parent.mkdir(exist_ok=True)
             write_obj(pieces, written)
-        self._totals.faces[written.as_uri()] = faces
+        self._totals.faces[file_url(written)] = faces
         return written
 
     def _check_cells(self, collision: Element) -> None:

@@ -113,6 +113,24 @@ def test_equal_meshes_share_a_copy(tmp_path):
     assert checked_copy(model).text != first
 
 
+URDF = """<robot name="hand"><link name="palm"><collision><geometry>
+<mesh filename="parts/ball.obj"/></geometry></collision></link></robot>"""
+SDF = """<sdf version="1.9"><model name="hand"><link name="palm"><collision name="c"><geometry>
+<mesh><uri>parts/ball.obj</uri></mesh></geometry></collision></link></model></sdf>"""
+
+
+@pytest.mark.parametrize(("kind", "text"), [("urdf", URDF), ("sdf", SDF), ("xml", MJCF)])
+def test_folders_may_have_spaces_and_percent_signs(tmp_path, monkeypatch, kind, text):
+    (copies := tmp_path / "my%20 copies").mkdir()
+    (own := tmp_path / "my models").mkdir()
+    monkeypatch.setattr(model_files, "copies_folder", lambda: str(copies))
+    write(own, text, f"own.{kind}")
+    directives = f"directives: [add_model: {{name: hand, file: own.{kind}}}]"
+    (own / "own.dmd.yaml").write_text(directives)
+    for name in (f"own.{kind}", "own.dmd.yaml"):
+        assert load(checked_copy(own / name, [own]))[1].num_geometries() > 0
+
+
 def test_what_is_outside_of_allowed_folders_is_not_copied(tmp_path):
     model = write(tmp_path, MJCF, "own.xml")
     with pytest.raises(InvalidArgumentError, match="is outside of"):
