@@ -204,12 +204,14 @@ def _moved_by_touch(
 ) -> tuple[GraspState, bool]:
     """Returns the state with the next standoffs and the next offset of G, and whether G rests.
 
-    A finger that touches stays where it is in W while G moves. One that is off its goal because G
-    has moved along the surface moves out, and touches again at its goal.
+    A finger that touches stays where it is in W while G moves. One that is off its goal along the
+    surface, because G has moved, moves out and touches again there. No goal is far ahead of a
+    finger that is held back.
     """
     least = np.where(state.touched, RELEASE_SHARE, 1.0) * settings.touch_force
     farthest = settings.standoff + np.asarray(settings.search)
-    behind = ~(view.distances <= settings.gate_distance)
+    along = np.sqrt(np.maximum(0.0, view.distances**2 - (view.gaps - state.standoffs) ** 2))
+    behind = ~(along <= settings.gate_distance)
     feels = (view.presses >= least) & (np.abs(view.gaps) <= farthest)
     touched = state.active & feels & ~behind
     elapsed = view.time - state.since
@@ -219,7 +221,8 @@ def _moved_by_touch(
     met = np.maximum(state.standoffs, view.gaps - _STRAIN)
     stays = met - view.rows @ (offset - state.offset)
     ahead = state.standoffs + np.where(behind, period, -period) * speed
-    standoffs = np.where(touched, stays, np.minimum(ahead, settings.standoff))
+    ahead = np.clip(ahead, view.gaps - settings.gate_distance, settings.standoff)
+    standoffs = np.where(touched, stays, ahead)
     standoffs = np.maximum(standoffs, -np.asarray(settings.search))
     standoffs = np.where(state.active, standoffs, state.standoffs)
     moved = replace(state, touched=touched, standoffs=standoffs, offset=offset)

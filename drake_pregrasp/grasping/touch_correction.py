@@ -36,20 +36,25 @@ def touch_correction(gaps: FloatArray, rows: FloatArray, touching: BoolArray) ->
 def limited_offset(offset: FloatArray, change: FloatArray, step: float) -> FloatArray:
     """Returns an offset (x, y, yaw) after a limited change, within the largest correction.
 
+    What is left of the change is as large as errors of gaps: touches that come and go do not shake
+    the hand.
+
     Args:
         offset: Offset before, shape (3,), in metres and radians.
         change: Desired change, shape (3,).
         step: Largest length of the change in metres; yaw counts by the ratio of the estimate's
             standard deviations.
     """
-    x, y, yaw = offset + change * min(1.0, step / max(_length(change), 1e-12))
+    length = _length(change)
+    moved = min(step, max(0.0, length - _TOUCH_STD))
+    x, y, yaw = offset + change * (moved / max(length, 1e-12))
     share = min(1.0, LARGEST_SHIFT / max(float(np.hypot(x, y)), 1e-12))
     return np.array([share * x, share * y, min(max(yaw, -LARGEST_TURN), LARGEST_TURN)])
 
 
 def is_settled(change: FloatArray) -> bool:
     """Returns whether a desired change of the offset, shape (3,), is as small as errors of gaps."""
-    return _length(change) <= _TOUCH_STD
+    return _length(change) <= 2 * _TOUCH_STD
 
 
 def _length(change: FloatArray) -> float:
