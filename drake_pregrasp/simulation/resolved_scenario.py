@@ -175,11 +175,12 @@ def _resolved(scenario: Scenario, keep: ResolvedScenario | None) -> ResolvedScen
         count = len(hand.fingertips)
     raise_first(scenario_check.scenario_problems(scenario, count, surface, plant_config))
     X_WO, model, planner = initial_pose(scenario.motion, shape), None, scenario.planner
-    waiting = _waiting_pose(scenario, shape, X_WO)
+    waiting = X_WO
     if hand is None:
         start = keep.start if keep else _given_start(scenario, surface, X_WO)
     else:
         raise_first(_grasp_problems(scenario, hand, count, plant_config))
+        waiting = _waiting_pose(scenario, shape, X_WO)
         if keep and keep.hand:
             model, start = keep.hand, keep.start
         else:
@@ -343,10 +344,12 @@ def _grasp_problems(
     if isinstance(scenario.motion, PoseStream):
         problem = "recorded poses move the object in no plant, so no hand can lift it"
         yield "motion", f"{problem}; choose another motion, or no hand"
-    if isinstance(scenario.motion, Toss) and not scenario.motion.table:
-        yield "motion.table", "must be true with a hand, which does not catch objects in the air"
-    if isinstance(scenario.motion, Toss) and (gravity := scenario.planner.estimator.gravity):
-        problem = f"{gravity} must be 0 with a hand: the estimate would fall on after the landing"
+    in_air = isinstance(scenario.motion, Toss) and not scenario.motion.table
+    if in_air and not grasp.meeting.wait_at:
+        problem = "must be true for a hand that starts over the object"
+        yield "motion.table", f"{problem}; with grasp.meeting.wait_at it waits elsewhere"
+    if (gravity := scenario.planner.estimator.gravity) and not in_air:
+        problem = f"{gravity} must be 0 for a hand, because the table carries the object"
         yield "planner.estimator.gravity", problem
     with errors_at("grasp.lift_direction"):
         _ = grasp.lift_axis
