@@ -205,7 +205,7 @@ def test_a_touch_moves_the_frame_and_the_other_fingers_to_the_object(azimuth):
     )
     hand = sequencer_over(X_WO)
     hand.fix(close=[1.0], p_WT=tips_at(X_WO, SETTINGS.standoff))
-    hand.advance(SETTINGS.approach_duration + 0.1)
+    hand.advance(MEETING + 0.1)
     center = np.append(off, 0.05)
     while hand.array("grasp_report")[0] == GraspPhase.CLOSE:
         command = hand.eval("command")
