@@ -1,7 +1,7 @@
 """Dynamic pre-grasp planning for hands that track a moving object, made of Drake systems."""
 
 from drake_pregrasp.config.camera_config import CameraConfig, DepthSensorConfig
-from drake_pregrasp.config.grasp_config import GraspConfig, hand_limits
+from drake_pregrasp.config.grasp_config import GraspConfig, MeetingConfig, hand_limits
 from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.config.limits_config import BallReach, BoxReach, LimitsConfig, SectorReach
 from drake_pregrasp.config.object_config import Ball, Box, Conveyor, Cylinder, Mesh, Revolved
@@ -41,6 +41,8 @@ from drake_pregrasp.geometry.shapes import load_shape
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.geometry.surface import ForbiddenPoints, ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, describe_give_up
+from drake_pregrasp.grasping.interception import CatchLimit, MeetingSettings
+from drake_pregrasp.grasping.palm_paths import PalmLimits
 from drake_pregrasp.regions.capability_weights import capability_weights
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
@@ -63,6 +65,7 @@ from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor, Gr
 from drake_pregrasp.systems.grasp_sequencer import GraspSequencer
 from drake_pregrasp.systems.hand_goal_shaper import HandGoalShaper
 from drake_pregrasp.systems.hand_kinematics import HandKinematics
+from drake_pregrasp.systems.interception_planner import InterceptionPlanner
 from drake_pregrasp.systems.object_points import ObjectPoints
 from drake_pregrasp.systems.pose_estimator import PoseEstimator
 from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
@@ -84,6 +87,7 @@ __all__ = [
     "BoxReach",
     "BoxSolid",
     "CameraConfig",
+    "CatchLimit",
     "CentroidSelector",
     "ContactStatus",
     "Conveyor",
@@ -109,10 +113,13 @@ __all__ = [
     "HandKinematics",
     "HandModel",
     "HandStation",
+    "InterceptionPlanner",
     "InvalidArgumentError",
     "LimitsConfig",
     "MeasurementFaults",
     "MeasurementVerdict",
+    "MeetingConfig",
+    "MeetingSettings",
     "Mesh",
     "NoGraspError",
     "NoiseSource",
@@ -123,6 +130,7 @@ __all__ = [
     "Obstacles",
     "OutputError",
     "Pair",
+    "PalmLimits",
     "PlannerConfig",
     "PoseEstimator",
     "PoseFilterNoise",

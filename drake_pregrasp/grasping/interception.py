@@ -76,7 +76,7 @@ def describe_catch_limit(limit: float) -> str | None:
     Args:
         limit: Value of `CatchLimit`.
     """
-    return _REASONS.get(CatchLimit(limit))
+    return _REASONS.get(CatchLimit(int(limit)))
 
 
 @dataclass(frozen=True, eq=False)
