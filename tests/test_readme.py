@@ -32,7 +32,7 @@ def test_all_scenarios_are_on_their_page_or_in_the_gallery():
     rows = [row for head in ("name", "hand") for row in table_rows("scenarios.md", head)]
     in_table = [row[0].strip("`") for row in rows]
     text = (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8")
-    in_table += re.findall(r"`(fault_\w+)`", text)
+    in_table += re.findall(r"`((?:catch|fault)_\w+)`", text)
     of_extensions = [row[4] for row in table_rows("extensions.md", "section")]
     in_table += set(re.findall(r"`(\w+)`", " ".join(of_extensions)))
     gallery = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
