@@ -1,9 +1,12 @@
 """Configuration of simulated depth cameras."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from drake_pregrasp.config.object_config import POINT, zeros
+
+_ASIDE = 1e-3  # Least horizontal distance of a camera from its target, in metres.
 
 
 @dataclass
@@ -37,13 +40,13 @@ class DepthSensorConfig:
     cameras: list[CameraConfig] = field(default_factory=list, metadata={"max_length": 8})
 
     # Seconds between pictures.
-    period: float = field(default=0.05, metadata={"at_least": 0.001, "at_most": 10})
+    period: float = field(default=0.05, metadata={"at_least": 0.005, "at_most": 10})
 
     # Seconds from a picture to the arrival of its points.
     latency: float = field(default=0.03, metadata={"at_least": 0.001, "at_most": 1})
 
     # Largest number of points of a picture.
-    points: int = field(default=500, metadata={"at_least": 1, "at_most": 20_000})
+    points: int = field(default=500, metadata={"at_least": 1, "at_most": 5000})
 
     # Standard deviation of the white noise of a point along the ray from the camera, in metres.
     noise: float = field(default=0.001, metadata={"at_least": 0, "at_most": 1})
@@ -55,3 +58,15 @@ class DepthSensorConfig:
     # So are points below and above these heights over the table, in metres.
     table_margin: float = field(default=0.004, metadata={"at_least": -10, "at_most": 1})
     ceiling: float = field(default=0.3, metadata={"at_least": -10, "at_most": 10})
+
+
+def camera_problems(config: DepthSensorConfig) -> Iterator[tuple[str, str]]:
+    """Yields the key and the problem, in one line, of each camera that looks nowhere.
+
+    Args:
+        config: Cameras with each field in its range.
+    """
+    for index, camera in enumerate(config.cameras):
+        if math.dist(camera.position[:2], camera.target[:2]) < _ASIDE:
+            problem = f"{camera.target} is straight above or below position {camera.position}"
+            yield f"cameras[{index}].target", f"{problem}; move it aside by 1 mm at least"

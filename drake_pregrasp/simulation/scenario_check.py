@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from trimesh.remesh import subdivide_to_size
 
 from drake_pregrasp.arrays import SLACK, tick_index
+from drake_pregrasp.config.camera_config import camera_problems
 from drake_pregrasp.config.finger_config import capability_at, remaining_contacts
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.object_config import (
@@ -71,6 +72,8 @@ def scenario_problems(
     """
     for name, problem in fault_problems(scenario.sensor.faults, scenario.planner.period):
         yield f"sensor.faults.{name}", problem
+    for name, problem in camera_problems(scenario.depth_sensor):
+        yield f"depth_sensor.{name}", problem
     for index, obstacle in enumerate(scenario.obstacles):
         with errors_at(f"obstacles[{index}]"):
             obstacle.make_solid()

@@ -8,7 +8,7 @@ from pydrake.planning import RobotDiagram
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from drake_pregrasp.arrays import SLACK, BoolArray, FloatArray, are_valid, tick_index
-from drake_pregrasp.config.camera_config import DepthSensorConfig
+from drake_pregrasp.config.camera_config import DepthSensorConfig, camera_problems
 from drake_pregrasp.config.validation import checked
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.fault_settings import FaultChannel, fault_generator
@@ -69,6 +69,8 @@ class ObjectPoints(LeafSystem):
         self._config = checked(config)
         if not config.cameras:
             raise InvalidArgumentError("cameras must have one element at least")
+        for key, problem in camera_problems(config):
+            raise InvalidArgumentError(f"{key}: {problem}")
         self._seed, _ = declare_seed(self, seed)
         self._clouds = [
             self.DeclareAbstractInputPort(f"camera_{index}", CLOUD)

@@ -74,6 +74,14 @@ def test_noise_is_along_the_ray_and_a_bias_moves_all_points():
     np.testing.assert_allclose(errors - np.outer(errors @ ray, ray), 0, atol=1e-6)
 
 
+def test_a_camera_looks_aside():
+    above = dp.CameraConfig(position=[0.1, 0.0, 0.5], target=[0.1, 0.0, 0.0])
+    with pytest.raises(dp.InvalidArgumentError, match=r"cameras\[1\].target.*straight"):
+        dp.ObjectPoints(dp.DepthSensorConfig([dp.CameraConfig(), above]))
+    with pytest.raises(dp.InvalidArgumentError, match="cameras"):
+        dp.ObjectPoints(dp.DepthSensorConfig())
+
+
 def test_points_near_links_at_the_measured_positions_are_left_out():
     hand = dp.HandModel(dp.load_hand("package://drake_pregrasp/five_finger_hand.yaml"))
     q = hand.home(np.array([0.0, 0.0, 0.05]), 0.0)
