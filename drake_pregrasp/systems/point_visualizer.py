@@ -11,7 +11,7 @@ ROOT = "/drake/points"
 """Meshcat path under which points are drawn."""
 
 _COLOR = Rgba(0.84, 0.1, 0.35)
-_SHOWN = 150  # Largest number of points that are drawn.
+_SHOWN = 80  # Largest number of points that are drawn.
 _RADIUS = 0.0012  # Of a drawn point, in metres.
 _AWAY = RigidTransform([0.0, 0.0, -100.0])  # Place of points that are not there.
 

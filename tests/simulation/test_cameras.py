@@ -1,0 +1,23 @@
+"""A hand that knows the object from a camera and from touches alone."""
+
+import numpy as np
+import pytest
+from simulation_runs import points, run_log, run_text
+
+from drake_pregrasp import TrackingStatus, load_scenario
+
+
+@pytest.mark.slow
+def test_a_hand_lifts_what_it_sees_and_feels(tmp_path):
+    """The table tells the height of a misplaced camera at once, and touches tell the rest."""
+    bias = load_scenario("see_and_feel").depth_sensor.cameras[0].bias
+    result = run_text("see_and_feel", "random_seed: 3", tmp_path)
+    log = run_log(result)
+    errors = points(log, "wo_estimated") - points(log, "wo")
+    np.testing.assert_allclose(errors[40], [*bias[:2], 0.0], atol=1e-3)
+    np.testing.assert_allclose(errors[-1, :2], 0.0, atol=1e-3)
+    assert log["tracking_status"][-1] == TrackingStatus.TRACKING
+    grasp = result.summary["grasp"]
+    assert grasp["phase"] == "hold"
+    assert grasp["lift_height_mm"] > 90
+    assert grasp["moved_closing_mm"] < 2
