@@ -232,17 +232,21 @@ def _moved_by_touch(
 def _squeeze(
     state: GraspState, view: GraspView, settings: GraspSettings, period: float
 ) -> GraspState:
-    """Increases the forces together, while all fingers follow, and then lifts."""
+    """Increases the forces together, while all fingers follow, and then lifts.
+
+    A finger that does not follow moves in. For others the strain of the touch fades, because the
+    planned forces replace it.
+    """
     if state.share < 1:
-        # The strain of the touch fades; planned forces replace it.
         strain = np.nan_to_num(view.gaps - state.standoffs)
-        eased = np.clip(strain, 0.0, _EASING * settings.closing_speed * period)
-        standoffs = state.standoffs + np.where(state.active, eased, 0.0)
-        behind = np.flatnonzero(state.active & (view.presses < _FOLLOWS * view.wanted))
-        rise = 0.0 if len(behind) else period / settings.squeeze_duration
+        step = _EASING * np.asarray(settings.closing_speed) * period
+        behind = state.active & (view.presses < _FOLLOWS * view.wanted)
+        moved = np.where(behind, -np.minimum(step, _STRAIN - strain), np.clip(strain, 0.0, step))
+        standoffs = state.standoffs + np.where(state.active, moved, 0.0)
+        rise = 0.0 if behind.any() else period / settings.squeeze_duration
         longest = settings.squeeze_duration + settings.squeeze_limit
-        if len(behind) and view.time - state.since > longest:
-            return _open(state, view, GiveUp.LOST_TOUCH, float(behind[0]))
+        if behind.any() and view.time - state.since > longest:
+            return _open(state, view, GiveUp.LOST_TOUCH, float(np.argmax(behind)))
         return replace(state, share=min(1.0, state.share + rise), standoffs=standoffs)
     lift = Ramp(view.time, settings.lift_duration, 0.0, settings.lift_height)
     return replace(_enter(state, GraspPhase.LIFT, view), height=lift)

@@ -157,7 +157,7 @@ class GraspSettings:
     approach_height: float = 0.15
     rise_duration: float = 1.5
     gate_distance: float = 0.004
-    closing_acceleration: float = 0.4
+    closing_acceleration: float = 0.2
     correction_limit: float = 2.3
     least_fingers: int = 3
     squeeze_duration: float = 0.5

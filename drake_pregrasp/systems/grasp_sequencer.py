@@ -428,14 +428,10 @@ class GraspSequencer(LeafSystem):
         On the table they balance each other; for the lift they take over the weight.
         """
         state, last, *_, stands, _ = self._memory.Eval(context)
-        touch_force = self._settings.touch_force
-        if not state.forces.any():
-            _, nhat, _ = self._contact_frames(context)
-            pressed = np.where(state.touched[:, None] & np.isfinite(nhat), nhat, 0.0)
-            return np.asarray(-touch_force * pressed @ R_WG.T)
         lifted = 0.0 if stands else min(1.0, (context.get_time() - last.time) / _WEIGHT_DURATION)
         forces = state.internal + lifted * (state.forces - state.internal)
-        return np.asarray(state.applied_share(touch_force) * forces @ R_WG.T)
+        share = state.applied_share(self._settings.touch_force)
+        return np.asarray(share * forces @ R_WG.T)
 
     def _calc_report(self, context: Context) -> list[float]:
         state: GraspState = self._memory.Eval(context).state

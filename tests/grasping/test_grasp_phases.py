@@ -357,15 +357,20 @@ def test_fingers_that_balance_the_weight_do_not_wait_for_those_that_meet_nothing
     np.testing.assert_array_equal(states[-1].active, np.arange(N) < 3)
 
 
-def test_forces_wait_for_a_finger_that_does_not_follow():
+def test_forces_wait_for_a_finger_that_does_not_follow_and_it_moves_in():
     def loosen(scene, state):
-        loose = state.phase == GraspPhase.SQUEEZE and scene.time < 4.0
+        loose = state.phase == GraspPhase.SQUEEZE and scene.time < 3.7
         scene.force = np.where(np.arange(N) == 2, -5.0 * loose, 0.0)
 
     states = play(Scene(), change=loosen, end=6.0)
-    waiting = [s.share for k, s in enumerate(states) if s.share > 0 and k * PERIOD < 4.0]
-    assert not waiting
-    assert phases(states)[-2:] == ["SQUEEZE", "LIFT"] or phases(states)[-1] == "HOLD"
+    waiting = [
+        s for k, s in enumerate(states) if s.phase == GraspPhase.SQUEEZE and k < 3.7 / PERIOD
+    ]
+    assert all(state.share == 0 for state in waiting)
+    first, last = waiting[0].standoffs, waiting[-1].standoffs
+    assert last[2] < first[2] - 1e-4
+    assert np.all(np.delete(last - first, 2) >= 0)
+    assert phases(states)[-1] == "HOLD"
 
 
 @pytest.mark.parametrize(("finger", "words"), [(2, "finger 2"), (BASE, "the base")])
