@@ -33,7 +33,7 @@ class MeetingConfig:
     """Configuration of a hand that waits for an object and meets it."""
 
     # Point in W over which the hand waits, in metres: where an object's centre of mass would be.
-    # Empty: the hand starts over the object, and comes down to it in a fixed time.
+    # Empty: the hand starts over the object. Only carriers wait elsewhere.
     wait_at: list[float] = field(
         default_factory=list, metadata={"at_least": -100, "at_most": 100, "max_length": 3}
     )
