@@ -62,12 +62,12 @@ def test_of_many_points_some_from_everywhere_are_kept():
 
 def test_noise_is_along_the_ray_and_a_bias_moves_all_points():
     bias = [0.01, -0.02, 0.005]
-    cameras = [dp.CameraConfig(position=[0.0, 0.0, 1.0], bias=bias)]
+    cameras = [dp.CameraConfig(position=[0.1, 0.0, 1.0], bias=bias)]
     place, many = np.array([0.3, 0.0, 0.6]), replace(CONFIG, cameras=cameras, points=1000)
     kept = points_of(
         dp.ObjectPoints(replace(many, noise=0.01), seed=3), camera_0=cloud([place] * 1000)
     )
-    ray = place + bias - [0.0, 0.0, 1.0]
+    ray = place + bias - [0.1, 0.0, 1.0]
     ray /= np.linalg.norm(ray)
     errors = kept - place - bias
     assert np.std(errors @ ray) == pytest.approx(0.01, rel=0.1)
