@@ -80,7 +80,7 @@ def meeting_settings(
     limits = palm_limits(hand, q, config.tip_acceleration)
     R_AW = hand.X_LA.rotation().matrix().T
     down, up = -R_WO[2], R_WO.T @ R_AW[2]
-    if R_AW[2, 2] > 0:  # On the table, the centre of mass is at least so high.
+    if hand.X_LA.rotation().IsNearlyIdentity():  # On the table, the centre of mass is so high.
         lowest = object_solid.highest(down) - down @ p_OCoM - config.standoff
         limits.lower[2] = max(limits.lower[2], lowest)
     spare = config.largest_lift(hand.description.fingertips) - mass * GRAVITY

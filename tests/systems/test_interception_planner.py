@@ -3,12 +3,16 @@
 import numpy as np
 import pytest
 from driven import Driven
+from five_finger_hand import HAND
 from made_systems import CONTROL_PERIOD, make_interception
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 
-from drake_pregrasp.config.grasp_config import MeetingConfig
+from drake_pregrasp.config.grasp_config import GraspConfig, MeetingConfig
+from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.diagrams.palm_meeting import meeting_settings
 from drake_pregrasp.estimation.pose_track import TrackingStatus
+from drake_pregrasp.geometry.solids import BallSolid
 from drake_pregrasp.grasping.grasp_state import GraspPhase
 from drake_pregrasp.grasping.interception import CatchLimit
 
@@ -114,6 +118,22 @@ def test_a_hand_that_approaches_again_starts_where_it_is_and_follows_the_object_
     np.testing.assert_allclose(approach[0, 4:], BELT, atol=1e-9)
     np.testing.assert_allclose(approach[0, 3], START[2] + 0.15)
     assert approach[1, 0] < np.inf
+
+
+@pytest.mark.parametrize("degrees", [0, 30, 180])
+def test_the_table_limits_a_palm_from_above_only(degrees):
+    R_LA = RotationMatrix.MakeZRotation(np.radians(degrees)) @ RotationMatrix.MakeYRotation(
+        np.pi / 2
+    )
+    ball = BallSolid(np.zeros(3), 0.05)
+    for X_LA, is_above in ((RigidTransform(), True), (RigidTransform(R_LA, np.zeros(3)), False)):
+        hand = HandModel(HAND.description, X_LA=X_LA)
+        q = hand.home(np.array([0.0, 0.0, 0.05]), 0.0)
+        settings = meeting_settings(
+            GraspConfig(), hand, q, ball, 0.4, np.zeros(3), np.eye(3), 0.0, 0.0
+        )
+        own = hand.kinematics.lower[hand.base.joints[2]] - hand.base.p_AL[2]
+        assert (settings.limits.lower[2] > own) == is_above
 
 
 @pytest.mark.parametrize("predicts", [True, False])
