@@ -161,7 +161,7 @@ class GraspSettings:
     correction_limit: float = 2.3
     least_fingers: int = 3
     squeeze_duration: float = 0.5
-    squeeze_limit: float = 1.0
+    squeeze_limit: float = 2.0
     imbalance: float = 0.2
     stop_duration: float = 0.3
 

@@ -425,13 +425,18 @@ class GraspSequencer(LeafSystem):
     def _fingertip_forces(self, context: Context, R_WG: FloatArray) -> FloatArray:
         """Returns the forces that the fingertips should press with, in W, shape (n, 3).
 
-        On the table they balance each other; for the lift they take over the weight.
+        On the table they balance each other once all fingers touch; for the lift they take over the
+        weight. Until then, a fingertip that touches presses so that it does not bounce off.
         """
         state, last, *_, stands, _ = self._memory.Eval(context)
+        touch_force = self._settings.touch_force
+        if not state.forces.any():
+            _, nhat, _ = self._contact_frames(context)
+            pressed = np.where(state.touched[:, None] & np.isfinite(nhat), nhat, 0.0)
+            return np.asarray(-touch_force * pressed @ R_WG.T)
         lifted = 0.0 if stands else min(1.0, (context.get_time() - last.time) / _WEIGHT_DURATION)
         forces = state.internal + lifted * (state.forces - state.internal)
-        share = state.applied_share(self._settings.touch_force)
-        return np.asarray(share * forces @ R_WG.T)
+        return np.asarray(state.applied_share(touch_force) * forces @ R_WG.T)
 
     def _calc_report(self, context: Context) -> list[float]:
         state: GraspState = self._memory.Eval(context).state

@@ -67,13 +67,14 @@ def test_fingers_hold_from_closing_until_they_let_go():
     assert hand.array("hold_contacts")[0] == 1
 
 
-def test_forces_balance_each_other_once_all_fingers_touch_and_carry_the_weight_in_the_lift():
+def test_fingers_that_have_touched_keep_touching_and_all_together_carry_the_weight():
     hand = sequencer_over(AT_TABLE)
     nhat_W = RING @ AT_TABLE.rotation().matrix().T
     close_until_touch(hand, AT_TABLE)
     hand.fix(f_T_W=felt_by_first(nhat_W).ravel())
     hand.advance(0.1)
-    np.testing.assert_array_equal(hand.eval("command").f_T_W, 0)
+    forces = hand.eval("command").f_T_W
+    np.testing.assert_allclose(forces, felt_by_first(nhat_W) / 2, atol=1e-12)
     hand.fix(f_T_W=(-nhat_W).ravel())
     hand.advance(SETTINGS.squeeze_duration)
     forces = hand.eval("command").f_T_W
