@@ -64,7 +64,7 @@ def test_a_planning_tick_of_the_base_case_is_small(monkeypatch: pytest.MonkeyPat
         monitor.GetOutputPort("grasp_quality").Eval(monitor.GetMyContextFromRoot(context))
 
     tick(first)
-    check(calls_of(lambda: tick(first + 1)), files=21, functions=86, count=170)
+    check(calls_of(lambda: tick(first + 1)), files=21, functions=88, count=177)
 
 
 @pytest.mark.slow

@@ -176,7 +176,8 @@ def camera_view(
     p_LA = np.array([0.0, 0.0, _HEADROOM * extent])
     if hand is not None:
         settings, description = grasp.make_settings(), hand.description
-        duration = min(duration, grasp.latest_rest(description.fingertips))
+        if not grasp.meeting.wait_at:  # Else nobody knows yet when the hand meets the object.
+            duration = min(duration, grasp.latest_rest(description.fingertips))
         above = description.palm_height + max(settings.lift_height, settings.approach_height)
         has_arm = isinstance(description.base, Arm)
         p_LA = hand.X_LA @ np.array([0.0, 0.0, above + has_arm * _ARM_RAISED])

@@ -35,11 +35,13 @@ PASSED_ON = {
 """Outputs that say by NaN that something is not known."""
 
 KEPT = {
+    "estimator of points": {"X_WO_estimated", "camera_offset"},
     "interception": {"approach", "catch_certificate"},
     "sequencer": {"grasp_report"},
     "planner": {"p_WC", "p_WC_previous", "fingertip_targets", "safe_regions"},
 }
-"""Outputs that depend on the past: when a phase began, meetings, and where contacts came from."""
+"""Outputs that depend on the past: where touches of long ago said that a camera is, when a phase
+began, meetings, and where contacts came from."""
 
 SETTLED = 4.0  # Seconds of sound values, after which all is as if nothing had been.
 
