@@ -3,6 +3,7 @@
 import numpy as np
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.geometry.rotations import rotation_matrix
 
 LARGEST_SHIFT, LARGEST_TURN = 0.03, 0.3
 """Largest correction of the position, in metres, and of the yaw, in radians."""
@@ -31,6 +32,22 @@ def touch_correction(gaps: FloatArray, rows: FloatArray, touching: BoolArray) ->
     A = rows[touching] * _STD / _TOUCH_STD
     scaled = np.linalg.solve(A.T @ A + np.eye(3), A.T @ gaps[touching] / _TOUCH_STD)
     return np.asarray(_STD * scaled)
+
+
+def corrected_pose(
+    R_WO: FloatArray, p_WO: FloatArray, p_OCoM: FloatArray, offset: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Returns orientation and position of an object that is displaced by an offset (x, y, yaw).
+
+    Args:
+        R_WO: Estimated orientation, shape (3, 3).
+        p_WO: Estimated position in W, shape (3,), in metres.
+        p_OCoM: Centre of mass in O, about which the object turns, shape (3,), in metres.
+        offset: Offset, shape (3,), in metres and radians.
+    """
+    x, y, yaw = offset
+    turn, p_OCoM_W = rotation_matrix(np.array([0.0, 0.0, yaw])), R_WO @ p_OCoM
+    return turn @ R_WO, p_WO + p_OCoM_W - turn @ p_OCoM_W + np.array([x, y, 0.0])
 
 
 def limited_offset(offset: FloatArray, change: FloatArray, step: float) -> FloatArray:

@@ -24,7 +24,7 @@ from drake_pregrasp.arrays import (
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.hand_description import Fingertip
 from drake_pregrasp.config.validation import checked
-from drake_pregrasp.geometry.rotations import rotation_matrix, skew
+from drake_pregrasp.geometry.rotations import skew
 from drake_pregrasp.geometry.solids import SignedDistance
 from drake_pregrasp.grasping.grasp_phases import next_state
 from drake_pregrasp.grasping.grasp_state import (
@@ -38,8 +38,9 @@ from drake_pregrasp.grasping.grasp_state import (
 )
 from drake_pregrasp.grasping.hand_commands import GraspCommand
 from drake_pregrasp.grasping.held_motion import FRICTION_SHARE, TETHER, HeldMotion
+from drake_pregrasp.grasping.touch_correction import corrected_pose
 from drake_pregrasp.systems import ports
-from drake_pregrasp.systems.squeeze_program import plan_squeeze
+from drake_pregrasp.systems.squeeze_program import plan_lift
 
 GRAVITY: float = UniformGravityFieldElement.kDefaultStrength
 """Acceleration of gravity along -z of W, in m/s²."""
@@ -261,27 +262,18 @@ class GraspSequencer(LeafSystem):
         """Returns the motion of G, no farther from the estimate than the tether."""
         motion: HeldMotion = self._held.Eval(context)
         _, R_WO, p_WO, is_tracked = self._pose.eval(context)
-        follows = is_tracked and self._memory.Eval(context).stands
-        if not follows:
+        memory: _Memory = self._memory.Eval(context)
+        if not (is_tracked and memory.stands):
             return motion
-        offset = self._memory.Eval(context).state.offset
-        return motion.within(self._corrected(R_WO, p_WO, offset)[1], TETHER)
-
-    def _corrected(
-        self, R_WO: FloatArray, p_WO: FloatArray, offset: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Returns orientation and position of the object after a correction by touch."""
-        x, y, yaw = offset
-        turn, p_OCoM_W = rotation_matrix(yaw * _UP), R_WO @ self._p_OCoM
-        p_WO = p_WO + p_OCoM_W - turn @ p_OCoM_W  # The object turns about its centre of mass.
-        return turn @ R_WO, p_WO + np.array([x, y, 0.0])
+        _, p_WG = corrected_pose(R_WO, p_WO, self._p_OCoM, memory.state.offset)
+        return motion.within(p_WG, TETHER)
 
     def _calc_command(self, context: Context) -> GraspCommand:
         memory: _Memory = self._memory.Eval(context)
         state, time, settings = memory.state, context.get_time(), self._settings
         _, R_WO, p_WO, is_tracked = self._pose.eval(context)
         V_WO = ports.validated_velocity(self._V_WO.Eval(context))
-        (R_WG, p_WG), V_WG = self._corrected(R_WO, p_WO, state.offset), V_WO
+        (R_WG, p_WG), V_WG = corrected_pose(R_WO, p_WO, self._p_OCoM, state.offset), V_WO
         half = self._config.period / 2
         if memory.is_gripped:
             motion: HeldMotion = self._near.Eval(context)
@@ -395,32 +387,21 @@ class GraspSequencer(LeafSystem):
             p_OT = self._tips(context)[active]
             distances, nhat = self._solid.distance_and_gradient(p_OT)
             p_OC = p_OT - distances[:, None] * nhat
-        forces, settings = np.zeros((len(active), 3)), self._settings
-        R_WO = self._pose.eval(context).R_WO
-        if not np.all(np.isfinite([p_OC, nhat])):
-            return Squeeze(forces, GRAVITY * self._mass, forces)
+        R_WO, settings = self._pose.eval(context).R_WO, self._settings
         # A ramp of duration T over the height h accelerates by at most 6 h / T^2.
         lift = 6 * settings.lift_height / settings.lift_duration**2
-        load_O = -self._mass * (GRAVITY * _UP + lift * self._lift_axis) @ R_WO
         jacobians = None
         if self._J_WT.HasValue(context):
             J_WT = validated_numbers(self._J_WT.Eval(context)).reshape(len(active), 3, -1)[active]
             jacobians = R_WO.T @ J_WT if np.all(np.isfinite(J_WT)) else None
-        plan = partial(
-            plan_squeeze,
-            *(p_OC - self._p_OCoM, nhat, np.append(load_O, np.zeros(3))),
+        return plan_lift(
+            *(p_OC - self._p_OCoM, nhat, active, settings),
+            load=-self._mass * (GRAVITY * _UP + lift * self._lift_axis) @ R_WO,
             friction=self._config.planned_friction,
-            largest_normal=np.broadcast_to(settings.largest_force, active.shape)[active],
-            patch_radii=self._patch_radii[active],
+            patch_radii=self._patch_radii,
             jacobians=jacobians,
             efforts=self._efforts,
         )
-        planned = plan(least_normal=settings.least_force)
-        if planned.residual > settings.imbalance:  # The least force of a finger tips the object.
-            planned = plan(least_normal=min(settings.least_force, 2 * settings.touch_force))
-        internal = forces.copy()
-        forces[active], internal[active] = planned.forces, planned.internal
-        return planned._replace(forces=forces, internal=internal)
 
     def _fingertip_forces(self, context: Context, R_WG: FloatArray) -> FloatArray:
         """Returns the forces that the fingertips should press with, in W, shape (n, 3).

@@ -3,14 +3,16 @@
 It is in `systems` because it uses Drake's `MathematicalProgram`.
 """
 
+from functools import partial
+
 import numpy as np
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from scipy.linalg import block_diag
 
-from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.rotations import skew
-from drake_pregrasp.grasping.grasp_state import GiveUp, Squeeze
+from drake_pregrasp.grasping.grasp_state import GiveUp, GraspSettings, Squeeze
 from drake_pregrasp.quality.force_closure import torsional_friction_of
 from drake_pregrasp.quality.grasp_quality import contact_axes, contact_blocks, longest_arm
 
@@ -104,6 +106,52 @@ def plan_squeeze(
         if _solve(*balance, torques, least_normal, *without.values())[1] <= _IN_BALANCE:
             return squeeze._replace(lack=lack)
     return squeeze
+
+
+def plan_lift(
+    p_CoMC: FloatArray,
+    nhat: FloatArray,
+    active: BoolArray,
+    settings: GraspSettings,
+    *,
+    load: FloatArray,
+    friction: float,
+    patch_radii: FloatArray,
+    jacobians: FloatArray | None,
+    efforts: FloatArray,
+) -> Squeeze:
+    """Returns the squeeze with which k active fingers of n lift an object; zero for the others.
+
+    If the least force of a finger would tip the object, fingers press with twice the touch force.
+
+    Args:
+        p_CoMC: Lever arms of the active fingers, shape (k, 3), in metres.
+        nhat: Outward unit normals at their contacts, shape (k, 3).
+        active: Mask of the active fingers, shape (n,).
+        settings: Settings of the grasp, with the limits of the normal forces.
+        load: Weight and inertia of the object in the lift, shape (3,), in newtons.
+        friction: As for `plan_squeeze`.
+        patch_radii: As for `plan_squeeze`, of all fingers, shape (n,).
+        jacobians: As for `plan_squeeze`, of the active fingers.
+        efforts: As for `plan_squeeze`.
+    """
+    forces, internal = np.zeros((2, len(active), 3))
+    if not np.all(np.isfinite([p_CoMC, nhat])):
+        return Squeeze(forces, float(np.linalg.norm(load)), internal)
+    plan = partial(
+        plan_squeeze,
+        *(p_CoMC, nhat, np.append(load, np.zeros(3))),
+        friction=friction,
+        largest_normal=np.broadcast_to(settings.largest_force, active.shape)[active],
+        patch_radii=patch_radii[active],
+        jacobians=jacobians,
+        efforts=efforts,
+    )
+    planned = plan(least_normal=settings.least_force)
+    if planned.residual > settings.imbalance:
+        planned = plan(least_normal=min(settings.least_force, 2 * settings.touch_force))
+    forces[active], internal[active] = planned.forces, planned.internal
+    return planned._replace(forces=forces, internal=internal)
 
 
 def internal_forces(p_CoMC: FloatArray, forces: FloatArray) -> FloatArray:
