@@ -51,11 +51,12 @@ def random_throws(count, seed):
     random = np.random.default_rng(seed)
     for throw in range(count):
         flies, a = throw % 2, FALL if throw % 2 else np.zeros(3)
-        v = random.uniform([-0.5, -0.5, 0.5], [1.5, 0.5, 3.5]) * [1, 1, flies]
+        v = random.uniform([-0.5, -0.5, -1.0], [1.5, 0.5, 3.5]) * [1, 1, flies]
         x = random.uniform([-1.6, -0.5, 0.05], [0.2, 0.5, 0.6])
         bounds = {
             "speed": random.uniform(0.8, 4, 3),
             "acceleration": random.uniform(3, 40, 3),
+            "lower": np.array([-1.5, -1.5, random.choice([0.0, -3.0])]),
         }
         settings = replace(
             with_limits(**bounds),

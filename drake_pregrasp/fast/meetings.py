@@ -123,9 +123,6 @@ def write_possible(  # type: ignore[no-untyped-def]
     """
     x, v, a = motion
     earliest, follow, stop, grip, diffusion, variance = numbers
-    is_even = True
-    for axis in range(3):
-        is_even &= abs(a[axis]) <= change[axis]
     passed[:] = 0
     for k in range(len(tau)):
         t, cost[k] = tau[k], np.inf
@@ -133,13 +130,15 @@ def write_possible(  # type: ignore[no-untyped-def]
         if not (t >= earliest and here >= 0):
             continue
         passed[0] += 1
-        keeps_up = True
+        keeps_up, is_within = True, True
         for axis in range(3):
-            keeps_up &= abs(v[axis] + t * a[axis]) <= speed[axis]
+            rate = abs(v[axis] + (t + follow) * a[axis])
+            keeps_up &= max(rate, abs(v[axis] + t * a[axis])) <= speed[axis]
+            is_within &= max(rate / stop, abs(a[axis])) <= change[axis]
         if not keeps_up:
             continue
         passed[1] += 1
-        if not is_even:
+        if not is_within:
             continue
         passed[2] += 1
         squares, left, there = 0.0, np.inf, np.inf
@@ -238,7 +237,7 @@ def cheapest_way(  # type: ignore[no-untyped-def]
                 if begun < 0:
                     continue
                 up, down = height + RISES[j - 1], step * _STEPS[i]
-                rate = abs(v[2] + tau[begun] * a[2])
+                rate = max(abs(v[2] + tau[begun] * a[2]), abs(v[2] + T * a[2]))
                 fast = max(ways[begun, j, 0], (rate + PEAK_SPEED * up / down) / speed[2])
                 gain = (abs(a[2]) + PEAK_ACCELERATION * up / (down * down)) / change[2]
                 hard = max(ways[begun, j, 1], gain)

@@ -176,11 +176,11 @@ def _close(
     the others have searched for it in vain.
     """
     touched_before, elapsed = state.touched, view.time - state.since
-    state, is_settled = _moved_by_touch(state, view, settings, period)
+    state, rests = _moved_by_touch(state, view, settings, period)
     touched = state.touched & (view.surface_gaps <= settings.search)
     ready = (touched & touched_before) | (state.standoffs <= -np.asarray(settings.search))
     is_over = elapsed > settings.closing_duration + settings.correction_limit
-    if not is_over and not (is_settled and np.all(ready | ~state.active)):
+    if not is_over and not (rests and np.all(ready | ~state.active)):
         return state
     planned = None
     if np.sum(touched) >= settings.least_fingers:
@@ -216,7 +216,7 @@ def _moved_by_touch(
     touched = state.active & feels & ~behind
     elapsed = view.time - state.since
     speed = np.minimum(settings.closing_speed, settings.closing_acceleration * elapsed)
-    change = touch_correction(view.surface_gaps, view.rows, touched)
+    change = touch_correction(view.surface_gaps, view.rows, touched, state.offset)
     offset = limited_offset(state.offset, change, float(np.min(speed)) * period)
     met = np.maximum(state.standoffs, view.gaps - _STRAIN)
     stays = met - view.rows @ (offset - state.offset)
@@ -241,7 +241,8 @@ def _squeeze(
         strain = np.nan_to_num(view.gaps - state.standoffs)
         step = _EASING * np.asarray(settings.closing_speed) * period
         behind = state.active & (view.presses < _FOLLOWS * view.wanted)
-        moved = np.where(behind, -np.minimum(step, _STRAIN - strain), np.clip(strain, 0.0, step))
+        inward = np.clip(_STRAIN - strain, 0.0, step)
+        moved = np.where(behind, -inward, np.clip(strain, 0.0, step))
         standoffs = state.standoffs + np.where(state.active, moved, 0.0)
         rise = 0.0 if behind.any() else period / settings.squeeze_duration
         longest = settings.squeeze_duration + settings.squeeze_limit

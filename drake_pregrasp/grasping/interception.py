@@ -42,7 +42,7 @@ class CatchLimit(IntEnum):
     """What prevents a hand from meeting an object.
 
     Attributes:
-        NONE: The hand can meet the object.
+        NONE: A meeting within all limits was found for the predicted motion.
         SIGHT: The object is not tracked.
         REACH: The object or the way to it is outside the palm's travel.
         SPEED: The palm would have to be faster than its axes are.
@@ -261,12 +261,15 @@ def _possible_times(
     """Returns at which times the object itself can be met, or what prevents it at all times."""
     limits = settings.limits
     reached = (tau >= settings.earliest) & _inside(course.places, limits)
-    is_even = np.full(len(tau), np.all(np.abs(a) <= limits.acceleration))
     possible = np.ones(len(tau), dtype=bool)
+    # The palm moves with the object until it has gripped it, and then comes to rest.
+    gripped = np.abs(course.gripped)
+    speeds = np.maximum(np.abs(course.rates), gripped)
+    accelerations = np.maximum(np.abs(a), gripped / settings.stop)
     checks = (
         reached,
-        np.all(np.abs(course.rates) <= limits.speed, axis=1),
-        is_even,
+        np.all(speeds <= limits.speed, axis=1),
+        np.all(accelerations <= limits.acceleration, axis=1),
         norms(course.gripped) <= settings.stop * settings.grip,
         _inside(course.left, limits) & _inside(course.ends, limits),
     )
@@ -298,7 +301,9 @@ def _ways(
     earlier = np.arange(NUM_TIMES)[:, None, None] - DESCENTS[:, None]
     begun, up, j = np.maximum(earlier, 0), heights[1:], np.arange(1, len(heights))
     down = step * DESCENTS[:, None]
-    falls = (np.abs(course.rates[begun, 2]) + PEAK_SPEED * up / down) / limits.speed[2]
+    rates = np.abs(course.rates[:, 2])  # The largest is at one of the ends of the descent.
+    rates = np.maximum(rates[begun], rates[:, None, None])
+    falls = (rates + PEAK_SPEED * up / down) / limits.speed[2]
     yields = (np.abs(motion[2, 2]) + PEAK_ACCELERATION * up / down**2) / limits.acceleration[2]
     speed = np.maximum(fast[begun, j], falls).reshape(NUM_TIMES, -1)
     change = np.maximum(hard[begun, j], yields).reshape(NUM_TIMES, -1)

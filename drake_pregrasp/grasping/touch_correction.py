@@ -12,26 +12,32 @@ _STD = np.array([0.01, 0.01, 0.09])  # Of the estimate: x and y in metres, and y
 _TOUCH_STD = 0.001  # Of the gap of a fingertip that touches, in metres.
 
 
-def touch_correction(gaps: FloatArray, rows: FloatArray, touching: BoolArray) -> FloatArray:
-    """Returns the displacement of an object on which fingertips touch its surface, shape (3,).
+def touch_correction(
+    gaps: FloatArray, rows: FloatArray, touching: BoolArray, offset: FloatArray
+) -> FloatArray:
+    """Returns the change of an object's offset on which fingertips touch its surface, shape (3,).
 
-    A fingertip that touches at the gap g_i from the estimated surface says that the surface is
-    there. With the standard deviations σ of a gap and S of the estimate, it is the ξ = (x, y, yaw)
-    that minimizes
+    A fingertip that touches at the gap g_i from the surface says that the surface is there. With
+    the standard deviations σ of a gap and S of the estimate, the change ξ of the offset
+    b = (x, y, yaw) from the estimate minimizes
 
-        Σ (g_i - a_i ξ)²/σ² + |S⁻¹ ξ|²   over the fingertips i that touch.
+        Σ (g_i - a_i ξ)²/σ² + |S⁻¹ (b + ξ)|²   over the fingertips i that touch.
 
-    It is zero without touch, and touches from opposite sides cancel.
+    It is zero without touch. Touches from opposite sides cancel.
 
     Args:
-        gaps: Signed gaps between the fingertips and the estimated surface, shape (n,), in metres.
+        gaps: Signed gaps between the fingertips and the surface of the object after the present
+            offset, shape (n,), in metres.
         rows: Displacement a_i of the surface along the normal at each fingertip, by unit
             displacements along x and y in metres and by unit yaw in radians, shape (n, 3).
         touching: Mask of the fingertips that touch, shape (n,).
+        offset: Present offset b, shape (3,), in metres and radians.
     """
+    if not touching.any():
+        return np.zeros(3)
     A = rows[touching] * _STD / _TOUCH_STD
-    scaled = np.linalg.solve(A.T @ A + np.eye(3), A.T @ gaps[touching] / _TOUCH_STD)
-    return np.asarray(_STD * scaled)
+    slope = A.T @ gaps[touching] / _TOUCH_STD - offset / _STD
+    return np.asarray(_STD * np.linalg.solve(A.T @ A + np.eye(3), slope))
 
 
 def corrected_pose(
@@ -53,7 +59,7 @@ def corrected_pose(
 def limited_offset(offset: FloatArray, change: FloatArray, step: float) -> FloatArray:
     """Returns an offset (x, y, yaw) after a limited change, within the largest correction.
 
-    What is left of the change is as large as errors of gaps: touches that come and go do not shake
+    Changes as small as errors of gaps are left out, so that touches that come and go do not shake
     the hand.
 
     Args:

@@ -387,16 +387,17 @@ class GraspSequencer(LeafSystem):
             p_OT = self._tips(context)[active]
             distances, nhat = self._solid.distance_and_gradient(p_OT)
             p_OC = p_OT - distances[:, None] * nhat
-        R_WO, settings = self._pose.eval(context).R_WO, self._settings
+        command: GraspCommand = self._command.Eval(context)
+        R_WG, settings = command.R_WG, self._settings  # Contacts and forces are in G.
         # A ramp of duration T over the height h accelerates by at most 6 h / T^2.
         lift = 6 * settings.lift_height / settings.lift_duration**2
         jacobians = None
         if self._J_WT.HasValue(context):
             J_WT = validated_numbers(self._J_WT.Eval(context)).reshape(len(active), 3, -1)[active]
-            jacobians = R_WO.T @ J_WT if np.all(np.isfinite(J_WT)) else None
+            jacobians = R_WG.T @ J_WT if np.all(np.isfinite(J_WT)) else None
         return plan_lift(
             *(p_OC - self._p_OCoM, nhat, active, settings),
-            load=-self._mass * (GRAVITY * _UP + lift * self._lift_axis) @ R_WO,
+            load=-self._mass * (GRAVITY * _UP + lift * self._lift_axis) @ R_WG,
             friction=self._config.planned_friction,
             patch_radii=self._patch_radii,
             jacobians=jacobians,

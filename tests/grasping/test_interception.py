@@ -80,8 +80,11 @@ def test_no_accepted_meeting_exceeds_the_limits(throws):
         assert np.all(np.abs(changes) <= settings.limits.acceleration * (1 + 1e-9))
         low, high = settings.limits.lower - 1e-9, settings.limits.upper + 1e-9
         assert np.all((low <= places) & (places <= high))
-        left = plan.object_at(plan.time + settings.follow)[0]
+        left, rate, _ = plan.object_at(plan.time + settings.follow)
         assert np.all((low <= left) & (left <= high))
+        assert np.all(np.abs(rate) <= settings.limits.speed * (1 + 1e-9))
+        brakes = np.abs(rate) / settings.stop
+        assert np.all(brakes <= settings.limits.acceleration * (1 + 1e-9))
     assert accepted > throws / 20
 
 
@@ -93,12 +96,17 @@ def test_no_accepted_meeting_exceeds_the_limits(throws):
         (on_belt(0.4, x=-5.0), SETTINGS, CatchLimit.REACH),
         (on_belt(0.4, y=2.0), SETTINGS, CatchLimit.REACH),
         # It leaves the travel while the hand would still be closing.
-        (on_belt(1.0, x=0.8), SETTINGS, CatchLimit.TIME),
-        # It is met at 1 m/s, and stopping in 0.3 s takes 3.3 m/s².
-        (on_belt(1.0), replace(SETTINGS, grip=3.3), CatchLimit.GRIP),
+        (on_belt(0.8, x=0.9), SETTINGS, CatchLimit.TIME),
+        # It is met at 1 m/s, and stopping in 0.3 s takes 3.3 m/s² of the palm and of the grip.
+        (on_belt(1.0), SETTINGS, CatchLimit.ACCELERATION),
+        (on_belt(0.8), replace(SETTINGS, grip=2.6), CatchLimit.GRIP),
         (on_belt(1.0), with_limits(acceleration=np.full(3, 0.3)), CatchLimit.ACCELERATION),
         # No palm falls as fast as an object with less acceleration than gravity.
-        (np.array([[0, 0, 1.5], np.zeros(3), FALL]), SETTINGS, CatchLimit.ACCELERATION),
+        (
+            np.array([[0, 0, 1.5], np.zeros(3), FALL]),
+            with_limits(speed=np.full(3, 30.0)),
+            CatchLimit.ACCELERATION,
+        ),
     ],
 )
 def test_the_certificate_names_what_limits_the_hand(motion, settings, limit):

@@ -25,11 +25,12 @@ def rows_of(azimuths, arm):
 
 
 AROUND = 2 * np.pi * np.arange(N) / N
+NONE = np.zeros(3)
 
 
 @given(gaps_of_all, arms)
 def test_without_touch_nothing_is_corrected(gaps, arm):
-    assert not touch_correction(gaps, rows_of(AROUND, arm), np.zeros(N, dtype=bool)).any()
+    assert not touch_correction(gaps, rows_of(AROUND, arm), np.zeros(N, dtype=bool), NONE).any()
 
 
 @given(gaps_of_all, arms, masks, st.floats(-0.02, 0.02))
@@ -37,8 +38,8 @@ def test_gaps_of_fingers_that_do_not_touch_do_not_matter(gaps, arm, touching, ot
     rows = rows_of(AROUND, arm)
     changed = np.where(touching, gaps, other)
     np.testing.assert_allclose(
-        touch_correction(changed, rows, touching),
-        touch_correction(gaps, rows, touching),
+        touch_correction(changed, rows, touching, NONE),
+        touch_correction(gaps, rows, touching, NONE),
         atol=1e-15,
     )
 
@@ -49,7 +50,8 @@ def test_one_touch_moves_the_surface_to_the_fingertip_and_a_farther_one_moves_it
 ):
     rows, first = rows_of(azimuth + AROUND, arm), np.arange(N) == 0
     moved, farther = (
-        rows[0] @ touch_correction(np.full(N, size), rows, first) for size in (gap, gap + more)
+        rows[0] @ touch_correction(np.full(N, size), rows, first, NONE)
+        for size in (gap, gap + more)
     )
     assert 0.98 * gap <= moved <= gap
     assert farther - moved == pytest.approx(more * moved / gap, abs=1e-12)
@@ -57,8 +59,8 @@ def test_one_touch_moves_the_surface_to_the_fingertip_and_a_farther_one_moves_it
 
 @given(gaps_of_all, arms, masks, turns)
 def test_a_turned_scene_has_a_turned_correction(gaps, arm, touching, turn):
-    x, y, yaw = touch_correction(gaps, rows_of(AROUND, arm), touching)
-    turned = touch_correction(gaps, rows_of(AROUND + turn, arm), touching)
+    x, y, yaw = touch_correction(gaps, rows_of(AROUND, arm), touching, NONE)
+    turned = touch_correction(gaps, rows_of(AROUND + turn, arm), touching, NONE)
     c, s = np.cos(turn), np.sin(turn)
     np.testing.assert_allclose(turned, [c * x - s * y, s * x + c * y, yaw], atol=1e-12)
 
@@ -67,7 +69,7 @@ def test_a_turned_scene_has_a_turned_correction(gaps, arm, touching, turn):
 def test_touches_from_opposite_sides_cancel(gap, azimuth, arm):
     rows = rows_of(azimuth + np.pi * np.arange(N), [arm, -arm, arm, -arm, 0.0])
     touching = np.arange(N) < 2
-    assert touch_correction(np.full(N, gap), rows, touching) == pytest.approx(
+    assert touch_correction(np.full(N, gap), rows, touching, NONE) == pytest.approx(
         np.zeros(3), abs=1e-12
     )
 
@@ -76,7 +78,7 @@ def test_touches_from_opposite_sides_cancel(gap, azimuth, arm):
 def test_a_displaced_object_is_found_by_touches_from_all_sides(x, y, yaw, arm):
     arm = arm + 0.03 * np.array([1, -1, 1, -1, 0])
     rows = rows_of(AROUND, arm)
-    found = touch_correction(rows @ [x, y, yaw], rows, np.ones(N, dtype=bool))
+    found = touch_correction(rows @ [x, y, yaw], rows, np.ones(N, dtype=bool), NONE)
     assert np.max(np.abs(rows @ (found - [x, y, yaw]))) < 1e-3
 
 
@@ -84,10 +86,21 @@ def test_a_displaced_object_is_found_by_touches_from_all_sides(x, y, yaw, arm):
 def test_an_offset_moves_by_limited_steps_within_its_bounds(gaps, arm, touching, step, count):
     rows, offset = rows_of(AROUND, arm), np.zeros(3)
     for _ in range(count):
-        before, change = offset, touch_correction(10 * gaps, rows, touching)
+        before, change = offset, touch_correction(10 * gaps, rows, touching, offset)
         offset = limited_offset(before, change, step)
         assert np.hypot(*(offset - before)[:2]) <= step + 1e-12
         assert np.hypot(*offset[:2]) <= LARGEST_SHIFT + 1e-12
         assert abs(offset[2]) <= LARGEST_TURN
     assert is_settled(np.zeros(3))
     assert not is_settled(np.array([0.003, 0.0, 0.0]))
+
+
+@given(gaps_of_all, arms, masks, st.floats(1e-3, 1e-2))
+def test_in_many_steps_an_offset_goes_no_farther_than_in_one(gaps, arm, touching, step):
+    rows, offset = rows_of(AROUND, arm), NONE
+    whole = touch_correction(gaps, rows, touching, NONE)
+    for _ in range(200):
+        left = gaps - rows @ offset
+        offset = limited_offset(offset, touch_correction(left, rows, touching, offset), step)
+    near = limited_offset(NONE, whole, np.inf)
+    assert is_settled(offset - near)
