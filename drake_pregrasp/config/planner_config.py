@@ -115,8 +115,8 @@ class EstimatorConfig:
     # Whether fingertips tell it: those that press touch the surface, the others are outside.
     touch: bool = True
 
-    # Least force of a fingertip that touches, in newtons.
-    touch_force: float = field(default=0.35, metadata={"above": 0, "at_most": 1000})
+    # Least force of a fingertip that touches, in newtons; that of `grasp` by default.
+    touch_force: float = field(default=0.2, metadata={"above": 0, "at_most": 1000})
 
     # Standard deviation of the distance of something that touches from the surface, in metres.
     touch_std: float = field(default=0.001, metadata=_STD | POSITION_NOISE)

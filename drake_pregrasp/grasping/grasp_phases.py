@@ -212,7 +212,9 @@ def _moved_by_touch(
     farthest = settings.standoff + np.asarray(settings.search)
     along = np.sqrt(np.maximum(0.0, view.distances**2 - (view.gaps - state.standoffs) ** 2))
     behind = ~(along <= settings.gate_distance)
-    feels = (view.presses >= least) & (np.abs(view.gaps) <= farthest)
+    # A fingertip that bounces is still touching while it is not where it would be in free space.
+    is_held_back = state.touched & (view.gaps - state.standoffs > _STRAIN / 2)
+    feels = ((view.presses >= least) | is_held_back) & (np.abs(view.gaps) <= farthest)
     touched = state.active & feels & ~behind
     elapsed = view.time - state.since
     speed = np.minimum(settings.closing_speed, settings.closing_acceleration * elapsed)

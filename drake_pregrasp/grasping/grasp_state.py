@@ -57,7 +57,7 @@ class GiveUp(IntEnum):
         MET_NOTHING: A finger has found no surface within its search distance.
         PRESSED_TOO_HARD: A finger pressed with more than the largest force.
         OUT_OF_BALANCE: No squeeze of these contacts balances the weight.
-        LOST_TOUCH: A finger lost touch in the lift or after it.
+        LOST_TOUCH: A finger did not follow the squeeze, or lost touch in the lift or after it.
         OBJECT_UNSEEN: The estimator lost the object before all fingers touched it.
         OFF_GOAL: A finger did not arrive at its goal.
         NEEDS_FORCE: A squeeze would balance the weight only above the largest force.
@@ -227,7 +227,7 @@ class GraspState:
         asked: Time of the command to close, in seconds; infinite without a command.
         reason: Reason for opening or waiting, a `GiveUp`.
         detail: Index of a finger, number of fingers or force in newtons of the reason.
-        gripped: Time in seconds at which all fingers had touched, after which the hand no longer
+        gripped: Time in seconds at which the squeeze began, after which the hand no longer
             follows the estimate; infinite before.
         height: Height of the hand above the tracking height, in metres over time.
         share: Applied share of the squeeze, from 0 to 1.
@@ -235,7 +235,7 @@ class GraspState:
             of mass in W in metres, and turn about the vertical in radians, shape (3,).
         standoffs: Commanded gap between each fingertip and the object, shape (n,), in metres.
         active: Whether each finger takes part, shape (n,), fixed when the hand closes.
-        touched: Whether each finger touches the object, shape (n,), until all of them do.
+        touched: Whether each finger touches the object, shape (n,), until the squeeze begins.
         forces: Planned forces of the fingers on the object, in O, shape (n, 3), in newtons.
         internal: Their internal part, which exerts no wrench, shape (n, 3), in newtons.
     """

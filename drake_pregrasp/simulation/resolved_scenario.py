@@ -33,6 +33,7 @@ from drake_pregrasp.diagrams.approaches import (
 from drake_pregrasp.diagrams.expected_path import expected_poses, initial_pose
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_station import TABLE
+from drake_pregrasp.diagrams.palm_base import PalmCarrier
 from drake_pregrasp.errors import (
     InvalidArgumentError,
     NoSurfaceError,
@@ -384,6 +385,14 @@ def _model_problems(grasp: GraspConfig, hand: HandModel) -> Problems:
         yield "grasp.side_height", f"{problem}, so that the hand clears the table"
     with errors_at("grasp.wrist_range"):
         hand.yaw_range(grasp.yaw_range)
+    if grasp.meeting.wait_at and isinstance(hand.base, PalmCarrier):
+        model, axes = hand.kinematics, hand.base.joints[:3]
+        q = hand.base.posture(model.lower, np.array(grasp.meeting.wait_at), 0.0)[axes]
+        for axis, name in enumerate(hand.base.names[:3]):
+            low, high = model.lower[axes[axis]], model.upper[axes[axis]]
+            if not low <= q[axis] <= high:
+                problem = f"joint {name} would be at {q[axis]:.3g} m, its range is {low:g} to"
+                yield "grasp.meeting.wait_at", f"{grasp.meeting.wait_at}: {problem} {high:g} m"
 
 
 def _followed_path(

@@ -131,7 +131,8 @@ class InterceptionPlanner(LeafSystem):
         """Returns position, velocity and acceleration of the palm in a time ahead, (3, 3)."""
         plan, time = self._meeting.Eval(context), context.get_time() + ahead
         base = plan.object_at(time)
-        if plan.follows:
+        # A palm on its way to an object that is lost goes on as that one did, to stop.
+        if plan.follows and (self._pose.eval(context).is_tracked or not plan.meets):
             base = moved(self._motion.Eval(context), ahead)
         palm: FloatArray = base + plan.offset_at(time)
         return palm
@@ -167,7 +168,7 @@ class InterceptionPlanner(LeafSystem):
         if self._pose.eval(context).is_tracked:
             limit, offset = CatchLimit.NONE, palm - motion
             over, time, height = plan.over, plan.time, plan.height
-            if not plan.meets or time - now > self._commitment:
+            if not plan.meets or time - now > max(self._commitment, self._settings.earliest):
                 variance = 0.0
                 if self._covariance.HasValue(context):
                     variance = float(np.sum(self._covariance.Eval(context)[::4]))
@@ -181,6 +182,7 @@ class InterceptionPlanner(LeafSystem):
         if over <= now:  # The palm is over the object, and goes down directly.
             over, height = time, 0.0
         if plan.meets and (over - now < _SHORTEST or time <= now):
-            return replace(plan, follows=True), limit
+            motion = moved(motion, plan.start - now)  # Where it goes if the object is lost.
+            return replace(plan, follows=True, motion=motion), limit
         plan = Meeting(now, over, time, height, offset, motion, follows=False, meets=True)
         return plan, limit
