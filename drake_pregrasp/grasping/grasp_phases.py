@@ -33,6 +33,7 @@ _STRAIN = 0.002  # Depth to which a finger that touches presses, within the limi
 _EASING = 0.2  # Share of the closing speed with which fingers give up this strain.
 
 _FOLLOWS = 0.25  # Share of the commanded force with which a finger follows the squeeze.
+_SLOWER = 0.25  # Share of the pace of the squeeze while a finger does not follow.
 
 
 def grasp_problem(
@@ -212,8 +213,9 @@ def _moved_by_touch(
     farthest = settings.standoff + np.asarray(settings.search)
     along = np.sqrt(np.maximum(0.0, view.distances**2 - (view.gaps - state.standoffs) ** 2))
     behind = ~(along <= settings.gate_distance)
-    # A fingertip that bounces is still touching while it is not where it would be in free space.
+    # A fingertip that bounces off the surface is still touching while something holds it back.
     is_held_back = state.touched & (view.gaps - state.standoffs > _STRAIN / 2)
+    is_held_back &= np.abs(view.surface_gaps) <= _STRAIN
     feels = ((view.presses >= least) | is_held_back) & (np.abs(view.gaps) <= farthest)
     touched = state.active & feels & ~behind
     elapsed = view.time - state.since
@@ -242,11 +244,12 @@ def _squeeze(
     if state.share < 1:
         strain = np.nan_to_num(view.gaps - state.standoffs)
         step = _EASING * np.asarray(settings.closing_speed) * period
-        behind = state.active & (view.presses < _FOLLOWS * view.wanted)
+        least = np.minimum(_FOLLOWS * view.wanted, settings.touch_force / 2)
+        behind = state.active & (view.presses < least)
         inward = np.clip(_STRAIN - strain, 0.0, step)
         moved = np.where(behind, -inward, np.clip(strain, 0.0, step))
         standoffs = state.standoffs + np.where(state.active, moved, 0.0)
-        rise = 0.0 if behind.any() else period / settings.squeeze_duration
+        rise = (_SLOWER if behind.any() else 1.0) * period / settings.squeeze_duration
         longest = settings.squeeze_duration + settings.squeeze_limit
         if behind.any() and view.time - state.since > longest:
             return _open(state, view, GiveUp.LOST_TOUCH, float(np.argmax(behind)))
