@@ -32,8 +32,9 @@ CRUSHING = 1.3
 _STRAIN = 0.002  # Depth to which a finger that touches presses, within the limit of its force.
 _EASING = 0.2  # Share of the closing speed with which fingers give up this strain.
 
-_FOLLOWS = 0.25  # Share of the commanded force with which a finger follows the squeeze.
-_SLOWER = 0.25  # Share of the pace of the squeeze while a finger does not follow.
+_FOLLOWS = 0.25  # Share of a small commanded force from which on a finger presses.
+_SLOWER = 0.25  # Share of the pace of the squeeze while a finger does not press.
+_ALMOST = 0.9  # Share of the forces that is not exceeded meanwhile.
 
 
 def grasp_problem(
@@ -236,10 +237,10 @@ def _moved_by_touch(
 def _squeeze(
     state: GraspState, view: GraspView, settings: GraspSettings, period: float
 ) -> GraspState:
-    """Increases the forces together, while all fingers follow, and then lifts.
+    """Increases the forces together, and lifts when they are complete and all fingers press.
 
-    A finger that does not follow moves in. For others the strain of the touch fades, because the
-    planned forces replace it.
+    A finger that does not press moves in; meanwhile the forces increase slowly, and not to the end.
+    For others the strain of the touch fades, because the planned forces replace it.
     """
     if state.share < 1:
         strain = np.nan_to_num(view.gaps - state.standoffs)
@@ -249,11 +250,14 @@ def _squeeze(
         inward = np.clip(_STRAIN - strain, 0.0, step)
         moved = np.where(behind, -inward, np.clip(strain, 0.0, step))
         standoffs = state.standoffs + np.where(state.active, moved, 0.0)
-        rise = (_SLOWER if behind.any() else 1.0) * period / settings.squeeze_duration
-        longest = settings.squeeze_duration + settings.squeeze_limit
-        if behind.any() and view.time - state.since > longest:
-            return _open(state, view, GiveUp.LOST_TOUCH, float(np.argmax(behind)))
-        return replace(state, share=min(1.0, state.share + rise), standoffs=standoffs)
+        share = min(1.0, state.share + period / settings.squeeze_duration)
+        if behind.any():
+            longest = settings.squeeze_duration + settings.squeeze_limit
+            if view.time - state.since > longest:
+                return _open(state, view, GiveUp.LOST_TOUCH, float(np.argmax(behind)))
+            slower = state.share + _SLOWER * (share - state.share)
+            share = min(slower, max(state.share, _ALMOST))
+        return replace(state, share=share, standoffs=standoffs)
     lift = Ramp(view.time, settings.lift_duration, 0.0, settings.lift_height)
     return replace(_enter(state, GraspPhase.LIFT, view), height=lift)
 

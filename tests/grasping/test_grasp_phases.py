@@ -357,7 +357,7 @@ def test_fingers_that_balance_the_weight_do_not_wait_for_those_that_meet_nothing
     np.testing.assert_array_equal(states[-1].active, np.arange(N) < 3)
 
 
-def test_forces_wait_for_a_finger_that_does_not_follow_and_it_moves_in():
+def test_forces_rise_slowly_while_a_finger_does_not_press_and_it_moves_in():
     def loosen(scene, state):
         loose = state.phase == GraspPhase.SQUEEZE and scene.time < 3.7
         scene.force = np.where(np.arange(N) == 2, -5.0 * loose, 0.0)
@@ -366,7 +366,8 @@ def test_forces_wait_for_a_finger_that_does_not_follow_and_it_moves_in():
     waiting = [
         s for k, s in enumerate(states) if s.phase == GraspPhase.SQUEEZE and k < 3.7 / PERIOD
     ]
-    assert all(state.share == 0 for state in waiting)
+    pace = np.diff([state.share for state in waiting])
+    assert 0 < np.max(pace) <= 0.3 * PERIOD / SETTINGS.squeeze_duration
     first, last = waiting[0].standoffs, waiting[-1].standoffs
     assert last[2] < first[2] - 1e-4
     assert np.all(np.delete(last - first, 2) >= 0)
