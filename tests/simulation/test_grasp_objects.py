@@ -34,7 +34,7 @@ def test_it_is_lifted_and_nothing_but_fingertips_touches_it(name, tmp_path):
     # A ball has rolled until then, because the belt starts to move.
     assert grasp["moved_squeeze_mm"] - (grasp["moved_before_mm"] or 0.0) < 1.5
     assert 95 < grasp["lift_height_mm"] < 105
-    assert max(grasp["moved_lift_mm"], grasp["moved_hold_mm"]) < 1
+    assert max(grasp["moved_lift_mm"], grasp["moved_hold_mm"]) < 1.5
     assert set(grasp["link_forces"].values()) == {0.0}
     # Before the hand closes, the object rests on the table.
     heights = points(log, "wo")[(log["time"] > 4) & (log["phase"] < GraspPhase.CLOSE), 2]
