@@ -22,8 +22,10 @@ class CameraConfig:
     # Error of its calibrated place: displacement in W of what it sees, in metres.
     bias: list[float] = field(default_factory=zeros, metadata=POINT)
 
-    # Size of its picture, in pixels.
+    # Width of its picture, in pixels.
     width: int = field(default=320, metadata={"at_least": 16, "at_most": 1280})
+
+    # Height of its picture, in pixels.
     height: int = field(default=240, metadata={"at_least": 16, "at_most": 1280})
 
     # Vertical field of view, in radians.
@@ -51,12 +53,14 @@ class DepthSensorConfig:
     # Standard deviation of the white noise of a point along the ray from the camera, in metres.
     noise: float = field(default=0.001, metadata={"at_least": 0, "at_most": 1})
 
-    # Points so near to a link of the hand, at the measured joint positions, are left out; in
-    # metres.
+    # Points nearer than this to a link of the hand, at the measured joint positions, are left out,
+    # in metres.
     link_margin: float = field(default=0.006, metadata={"at_least": 0, "at_most": 1})
 
-    # So are points below and above these heights over the table, in metres.
+    # Points below this height over the table are left out, in metres.
     table_margin: float = field(default=0.004, metadata={"at_least": -10, "at_most": 1})
+
+    # Points above this height over the table are left out, in metres.
     ceiling: float = field(default=0.3, metadata={"at_least": -10, "at_most": 10})
 
 

@@ -33,13 +33,15 @@ class MeetingConfig:
     """Configuration of a hand that waits for an object and meets it."""
 
     # Point in W over which the hand waits, in metres: where an object's centre of mass would be.
-    # Empty: the hand starts over the object. Only carriers wait elsewhere.
+    # Empty: the hand starts over the object. Only carriers wait elsewhere, within their travel.
     wait_at: list[float] = field(
         default_factory=list, metadata={"at_least": -100, "at_most": 100, "max_length": 3}
     )
 
-    # Least and largest time until a meeting that is planned, in seconds.
+    # Least time until a meeting that is planned, in seconds.
     earliest: float = field(default=0.0, metadata={"at_least": 0, "at_most": 100})
+
+    # Largest time until a meeting that is planned, in seconds. Descents take 0.035 to 0.4 of it.
     latest: float = field(default=3.0, metadata={"above": 0, "at_most": 100})
 
     # Whether the motion of the object is predicted until the meeting; else it counts as resting.

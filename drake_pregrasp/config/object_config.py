@@ -214,7 +214,8 @@ class Conveyor:
         },
     )
 
-    # Initial x and y of the object's centre of mass in W, in metres. The turntable starts at x.
+    # Initial x and y of the object's centre of mass in W, in metres. The turntable starts at x, and
+    # y must be on it.
     position: list[float] = field(
         default_factory=lambda: [0.0, 0.0],
         metadata={"length": 2, "at_least": -10, "at_most": 10},

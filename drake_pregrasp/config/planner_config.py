@@ -103,7 +103,7 @@ class EstimatorConfig:
     fewest_points: int = field(default=20, metadata={"at_least": 1, "at_most": 20_000})
 
     # Standard deviation of the displacement with which cameras show the object, because their
-    # places are not well known, per axis, in metres. Above 0, what touches the object tells it.
+    # places are not well known, per axis, in metres. Above 0, contacts with the object correct it.
     bias_std: float = field(
         default=0.0,
         metadata={"at_least": 0, "at_most": 1, "typical": (0.0, 0.02), "unit": "mm"},
@@ -112,7 +112,7 @@ class EstimatorConfig:
     # Seconds in which the correlation of the displacement falls to 1/e.
     bias_time: float = field(default=30.0, metadata={"above": 0, "at_most": 1e6})
 
-    # Whether fingertips tell it: those that press touch the surface, the others are outside.
+    # Whether fingertips correct it: those that press touch the surface, the others are outside.
     touch: bool = True
 
     # Least force of a fingertip that touches, in newtons; that of `grasp` by default.

@@ -1,11 +1,12 @@
 """Offset of what cameras see from where the hand touches it, estimated beside the pose.
 
 A camera with a wrong place shows the object displaced by a slowly changing b, and the pose filter
-follows it there. What touches the object in W tells b: fingertips, whose centres are a radius away
-from its surface, and the table under its lowest corners. This is separate-bias estimation
-(Friedland, IEEE Transactions on Automatic Control 14(4), 1969): a filter that takes b to be zero,
-and a second one for b, with the residuals of the first. Only directions in which something touches
-become known; the others keep their uncertainty.
+follows it there. Contacts in W observe b: those of fingertips, whose centres are a radius away from
+the object's surface, and that of the table with its lowest corners. This follows separate-bias
+estimation (Friedland, IEEE Transactions on Automatic Control 14(4), 1969): a filter that takes b to
+be zero, and a second one for b, with the residuals of the first. Unlike there, the errors of the
+pose and of the contacts count as independent of each other and from tick to tick, so the covariance
+becomes too small after many ticks. Directions without contact keep their uncertainty.
 """
 
 import math

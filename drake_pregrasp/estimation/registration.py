@@ -16,7 +16,7 @@ from drake_pregrasp.geometry.distance_grid import DistanceGrid
 from drake_pregrasp.geometry.rotations import rotation_matrix
 
 STARTS = 512
-"""Number of orientations to start from: each rotation is within about 35 degrees of one."""
+"""Number of orientations to start from: each rotation is within about 30 degrees of one."""
 
 _FEW = 80  # Points of the first steps.
 _COARSE = (0.03, 0.03, 0.02, 0.02, 0.015)  # Scales of the first steps, in metres.

@@ -17,7 +17,7 @@ from drake_pregrasp.grasping.interception import (
     TOLERANCE,
     Choice,
     MeetingSettings,
-    limit_of_ways,
+    limit_of_paths,
     meeting_at,
     meeting_times,
     no_meeting,
@@ -42,10 +42,10 @@ _S = np.arange(SAMPLES + 1) / SAMPLES
 
 
 @compiled()
-def way_shares(d0, d1, d2, x, v, a, T, low, high, speed, change):  # type: ignore[no-untyped-def]
-    """Returns shares of the limits of speed and acceleration on a way, as `peaks`.
+def path_shares(d0, d1, d2, x, v, a, T, low, high, speed_limit, acceleration_limit):  # type: ignore[no-untyped-def]
+    """Returns shares of the limits of speed and acceleration on a path, as `peaks`.
 
-    The second one is infinite if the way leaves the travel.
+    The second one is infinite if the path leaves the travel.
 
     Args:
         d0: Offset along one axis at the start, in metres.
@@ -54,22 +54,22 @@ def way_shares(d0, d1, d2, x, v, a, T, low, high, speed, change):  # type: ignor
         x: Position of the object at the start, in metres.
         v: Its velocity, in m/s.
         a: Its acceleration, in m/s².
-        T: Duration of the way, in seconds.
+        T: Duration of the path, in seconds.
         low: Smallest coordinate of the palm, in metres.
         high: Largest coordinate of the palm, in metres.
-        speed: Largest speed, in m/s.
-        change: Largest acceleration, in m/s².
+        speed_limit: Largest speed, in m/s.
+        acceleration_limit: Largest acceleration, in m/s².
     """
     c0, c1, c2, per = d0, d1 * T, d2 * T * T, 1 / T
-    fast = hard = 0.0
+    speed = acceleration = 0.0
     lowest, highest = np.inf, -np.inf
     for i in range(SAMPLES + 1):
         t = T * _S[i]
         place = x + t * (v + t / 2 * a) + c0 * _B0[0, i] + c1 * _B0[1, i] + c2 * _B0[2, i]
         rate = v + t * a + per * (c0 * _B1[0, i] + c1 * _B1[1, i] + c2 * _B1[2, i])
-        gain = a + per * per * (c0 * _B2[0, i] + c1 * _B2[1, i] + c2 * _B2[2, i])
+        change = a + per * per * (c0 * _B2[0, i] + c1 * _B2[1, i] + c2 * _B2[2, i])
         lowest, highest = min(lowest, place), max(highest, place)
-        fast, hard = max(fast, abs(rate)), max(hard, abs(gain))
+        speed, acceleration = max(speed, abs(rate)), max(acceleration, abs(change))
     snap = jerk = 0.0
     for i in range(2):
         ends = c0 * SNAP_ENDS[0, i] + c1 * SNAP_ENDS[1, i] + c2 * SNAP_ENDS[2, i]
@@ -77,12 +77,12 @@ def way_shares(d0, d1, d2, x, v, a, T, low, high, speed, change):  # type: ignor
     for i in range(3):
         part = c0 * JERK_RANGE[0, i] + c1 * JERK_RANGE[1, i] + c2 * JERK_RANGE[2, i]
         jerk = max(jerk, abs(part))
-    hard += FINENESS * snap * per * per
-    fast += FINENESS * jerk * per
-    slack = FINENESS * hard * T * T
+    acceleration += FINENESS * snap * per * per
+    speed += FINENESS * jerk * per
+    slack = FINENESS * acceleration * T * T
     if lowest - slack < low or highest + slack > high:
-        return fast / speed, np.inf
-    return fast / speed, hard / change
+        return speed / speed_limit, np.inf
+    return speed / speed_limit, acceleration / acceleration_limit
 
 
 @compiled()
@@ -106,7 +106,7 @@ def room_at(x, v, a, t, lower, upper):  # type: ignore[no-untyped-def]
 
 @compiled("void(f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8[::1])")
 def write_possible(  # type: ignore[no-untyped-def]
-    motion, tau, numbers, lower, upper, speed, change, cost, passed
+    motion, tau, numbers, lower, upper, speed, acceleration, cost, passed
 ):
     """Writes what meetings cost by their times, infinite where the object cannot be met.
 
@@ -117,7 +117,7 @@ def write_possible(  # type: ignore[no-untyped-def]
         lower: Smallest coordinates of the palm, shape (3,), in metres.
         upper: Largest coordinates of the palm, shape (3,), in metres.
         speed: Largest speeds, shape (3,), in m/s.
-        change: Largest accelerations, shape (3,), in m/s².
+        acceleration: Largest accelerations, shape (3,), in m/s².
         cost: Result, shape (times,).
         passed: Result: number of times that pass each of the checks, in order, shape (5,).
     """
@@ -134,7 +134,7 @@ def write_possible(  # type: ignore[no-untyped-def]
         for axis in range(3):
             rate = abs(v[axis] + (t + follow) * a[axis])
             keeps_up &= max(rate, abs(v[axis] + t * a[axis])) <= speed[axis]
-            is_within &= max(rate / stop, abs(a[axis])) <= change[axis]
+            is_within &= max(rate / stop, abs(a[axis])) <= acceleration[axis]
         if not keeps_up:
             continue
         passed[1] += 1
@@ -165,7 +165,7 @@ def write_possible(  # type: ignore[no-untyped-def]
     "Tuple((i8, i8, i8, f8))(f8[:,::1], f8[:,::1], f8[::1], f8, f8, f8, f8[::1], f8[::1],"
     " f8[::1], f8[::1], f8[::1], i8, i8, f8[:,:,::1])"
 )
-def cheapest_way(  # type: ignore[no-untyped-def]
+def cheapest_path(  # type: ignore[no-untyped-def]
     offset,
     motion,
     tau,
@@ -175,13 +175,13 @@ def cheapest_way(  # type: ignore[no-untyped-def]
     lower,
     upper,
     speed,
-    change,
+    acceleration,
     cost,
     row,
     column,
-    ways,
+    shares,
 ):
-    """Returns the cheapest way to the object, or the one that exceeds limits least.
+    """Returns the cheapest path to the object, or the one that exceeds limits least.
 
     Args:
         offset: Offset of the palm from the object, its rate and acceleration, shape (3, 3).
@@ -189,38 +189,38 @@ def cheapest_way(  # type: ignore[no-untyped-def]
         tau: Times until the meetings, shape (times,), in seconds.
         step: Time between them, in seconds.
         height: Least height over the object, in metres.
-        sideways: Largest offset sideways of a direct way, in metres.
+        sideways: Largest offset sideways of a direct path, in metres.
         lower: Smallest coordinates of the palm, shape (3,), in metres.
         upper: Largest coordinates of the palm, shape (3,), in metres.
         speed: Largest speeds, shape (3,), in m/s.
-        change: Largest accelerations, shape (3,), in m/s².
+        acceleration: Largest accelerations, shape (3,), in m/s².
         cost: Result of `write_possible`, shape (times,).
         row: Row of the present plan, -1 without one.
         column: Its column.
-        ways: Scratch, shape (times, 1 + number of heights, 2).
+        shares: Scratch, shape (times, 1 + number of heights, 2).
 
     Returns:
         Row and column as for the reference; 1 if speed exceeds its limit more than
-        acceleration; and the larger share of a limit, which is above 1 if no way keeps them.
+        acceleration; and the larger share of a limit, which is above 1 if no path keeps them.
     """
     x, v, a = motion
     best, best_row, best_column = np.inf, 0, 0
     least, is_slow = np.inf, 0
     for k in range(len(tau)):
-        T, fast, hard = tau[k], 0.0, 0.0
+        T, speed_share, acceleration_share = tau[k], 0.0, 0.0
         for axis in range(2):
-            f, h = way_shares(
+            f, h = path_shares(
                 *(offset[0, axis], offset[1, axis], offset[2, axis], x[axis], v[axis], a[axis], T),
-                *(lower[axis], upper[axis], speed[axis], change[axis]),
+                *(lower[axis], upper[axis], speed[axis], acceleration[axis]),
             )
-            fast, hard = max(fast, f), max(hard, h)
+            speed_share, acceleration_share = max(speed_share, f), max(acceleration_share, h)
         for j in range(1 + _NUM_RISES):
             up = height + RISES[j - 1] if j else 0.0
-            f, h = way_shares(
+            f, h = path_shares(
                 *(offset[0, 2] - up, offset[1, 2], offset[2, 2], x[2] + up, v[2], a[2], T),
-                *(lower[2], upper[2], speed[2], change[2]),
+                *(lower[2], upper[2], speed[2], acceleration[2]),
             )
-            ways[k, j, 0], ways[k, j, 1] = max(fast, f), max(hard, h)
+            shares[k, j, 0], shares[k, j, 1] = max(speed_share, f), max(acceleration_share, h)
         if cost[k] == np.inf:
             continue
         aside = 0.0
@@ -230,7 +230,7 @@ def cheapest_way(  # type: ignore[no-untyped-def]
             if c == 0:
                 if aside > sideways:
                     continue
-                fast, hard = ways[k, 0, 0], ways[k, 0, 1]
+                speed_share, acceleration_share = shares[k, 0, 0], shares[k, 0, 1]
             else:
                 i, j = (c - 1) // _NUM_RISES, 1 + (c - 1) % _NUM_RISES
                 begun = k - _STEPS[i]
@@ -238,15 +238,15 @@ def cheapest_way(  # type: ignore[no-untyped-def]
                     continue
                 up, down = height + RISES[j - 1], step * _STEPS[i]
                 rate = max(abs(v[2] + tau[begun] * a[2]), abs(v[2] + T * a[2]))
-                fast = max(ways[begun, j, 0], (rate + PEAK_SPEED * up / down) / speed[2])
-                gain = (abs(a[2]) + PEAK_ACCELERATION * up / (down * down)) / change[2]
-                hard = max(ways[begun, j, 1], gain)
-            worst = max(fast, hard)
+                speed_share = max(shares[begun, j, 0], (rate + PEAK_SPEED * up / down) / speed[2])
+                own = (abs(a[2]) + PEAK_ACCELERATION * up / (down * down)) / acceleration[2]
+                acceleration_share = max(shares[begun, j, 1], own)
+            worst = max(speed_share, acceleration_share)
             if worst < least:
-                least, is_slow = worst, 1 if fast >= hard else 0
+                least, is_slow = worst, 1 if speed_share >= acceleration_share else 0
             if worst > 1:
                 continue
-            sum_ = cost[k] + fast * fast + hard * hard
+            sum_ = cost[k] + speed_share * speed_share + acceleration_share * acceleration_share
             if k == row and c == column:
                 sum_ *= PERSISTENCE
             if sum_ < best:
@@ -275,10 +275,10 @@ def compiled_choose_meeting(
         return no_meeting(CHECKS[int(np.argmin(passed != 0))])
     place = place_of(kept, now, first, settings) or (-1, -1)
     scratch = np.empty((NUM_TIMES, 1 + _NUM_RISES, 2))
-    way = step, settings.height, settings.sideways
-    row, column, is_slow, least = cheapest_way(
-        offset, motion, tau, *way, *bounds, cost, *place, scratch
+    path = step, settings.height, settings.sideways
+    row, column, is_slow, least = cheapest_path(
+        offset, motion, tau, *path, *bounds, cost, *place, scratch
     )
     if least > 1:
-        return no_meeting(limit_of_ways(least, is_slow))
+        return no_meeting(limit_of_paths(least, is_slow))
     return meeting_at(row, column, first, settings)

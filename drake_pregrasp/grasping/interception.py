@@ -39,12 +39,12 @@ PERSISTENCE = 0.8
 
 
 class CatchLimit(IntEnum):
-    """What prevents a hand from meeting an object.
+    """Reason why a hand cannot meet an object.
 
     Attributes:
         NONE: A meeting within all limits was found for the predicted motion.
         SIGHT: The object is not tracked.
-        REACH: The object or the way to it is outside the palm's travel.
+        REACH: The object or the path to it is outside the palm's travel.
         SPEED: The palm would have to be faster than its axes are.
         ACCELERATION: The palm would have to accelerate more than its axes do.
         TIME: The object leaves the palm's travel before the hand has closed.
@@ -137,29 +137,30 @@ CHECKS = (
 """Limits of the object's own motion at a meeting, in the order in which they are checked."""
 
 
-class _Course(NamedTuple):
+class _Prediction(NamedTuple):
     """Predicted motion of the object at the meeting times, each of shape (times, 3).
 
     Attributes:
-        places: Positions at the meeting, in metres.
-        rates: Velocities at the meeting, in m/s.
-        gripped: Velocities when the hand has gripped, in m/s.
-        left: Positions when the hand has gripped, in metres.
-        ends: Positions when the hand has stopped, in metres.
+        p_met: Positions at the meeting, in metres.
+        v_met: Velocities at the meeting, in m/s.
+        p_gripped: Positions when the hand has gripped, in metres.
+        v_gripped: Velocities when the hand has gripped, in m/s.
+        p_stopped: Positions when the hand has stopped, in metres.
     """
 
-    places: FloatArray
-    rates: FloatArray
-    gripped: FloatArray
-    left: FloatArray
-    ends: FloatArray
+    p_met: FloatArray
+    v_met: FloatArray
+    p_gripped: FloatArray
+    v_gripped: FloatArray
+    p_stopped: FloatArray
 
 
-def _course(motion: FloatArray, tau: FloatArray, settings: MeetingSettings) -> _Course:
+def _predicted(motion: FloatArray, tau: FloatArray, settings: MeetingSettings) -> _Prediction:
     (x, v, a), t, f = motion, tau[:, None], settings.follow
-    places, rates = x + t * v + t**2 / 2 * a, v + t * a
-    gripped, left = rates + f * a, places + f * rates + f**2 / 2 * a
-    return _Course(places, rates, gripped, left, left + settings.stop / 2 * gripped)
+    p_met, v_met = x + t * v + t**2 / 2 * a, v + t * a
+    p_gripped, v_gripped = p_met + f * v_met + f**2 / 2 * a, v_met + f * a
+    p_stopped = p_gripped + settings.stop / 2 * v_gripped
+    return _Prediction(p_met, v_met, p_gripped, v_gripped, p_stopped)
 
 
 def choose_meeting(
@@ -184,16 +185,16 @@ def choose_meeting(
         settings: Settings of the interception.
     """
     first, tau = meeting_times(now, settings.step)
-    course = _course(motion, tau, settings)
-    limit, possible = _possible_times(motion[2], tau, course, settings)
+    prediction = _predicted(motion, tau, settings)
+    limit, possible = _possible_times(motion[2], tau, prediction, settings)
     if limit != CatchLimit.NONE:
         return no_meeting(limit)
-    speed, change, is_out = _ways(offset, motion, tau, course, settings)
-    worst = np.where(is_out | ~possible[:, None], np.inf, np.maximum(speed, change))
+    speed, acceleration, is_out = _paths(offset, motion, tau, prediction, settings)
+    worst = np.where(is_out | ~possible[:, None], np.inf, np.maximum(speed, acceleration))
     row, column = np.unravel_index(int(np.argmin(worst)), worst.shape)
     if (least := float(worst[row, column])) > 1:
-        return no_meeting(limit_of_ways(least, speed[row, column] >= change[row, column]))
-    cost = _cost_of_times(variance, tau, course, settings)[:, None] + speed**2 + change**2
+        return no_meeting(limit_of_paths(least, speed[row, column] >= acceleration[row, column]))
+    cost = _cost_of_times(variance, tau, prediction, settings)[:, None] + speed**2 + acceleration**2
     cost[worst > 1] = np.inf
     if (place := place_of(kept, now, first, settings)) is not None:
         cost[place] *= PERSISTENCE
@@ -213,12 +214,12 @@ def no_meeting(limit: CatchLimit) -> Choice:
     return Choice(limit, np.nan, np.nan, 0.0)
 
 
-def limit_of_ways(least: float, is_slow: bool) -> CatchLimit:
-    """Returns what prevents every way to possible meetings.
+def limit_of_paths(least: float, is_slow: bool) -> CatchLimit:
+    """Returns what prevents every path to possible meetings.
 
     Args:
-        least: Share of a limit on the way that exceeds limits least; infinite if all ways leave the
-            travel.
+        least: Share of a limit on the path that exceeds limits least; infinite if all paths leave
+            the travel.
         is_slow: Whether that limit is the speed.
     """
     if least == np.inf:
@@ -227,7 +228,7 @@ def limit_of_ways(least: float, is_slow: bool) -> CatchLimit:
 
 
 def meeting_at(row: int, column: int, first: int, settings: MeetingSettings) -> Choice:
-    """Returns the meeting in a row and a column of `_ways`."""
+    """Returns the meeting in a row and a column of `_paths`."""
     time = settings.step * (first + row)
     if column == 0:
         return Choice(CatchLimit.NONE, time, time, 0.0)
@@ -239,7 +240,7 @@ def meeting_at(row: int, column: int, first: int, settings: MeetingSettings) -> 
 def place_of(
     kept: Meeting, now: float, first: int, settings: MeetingSettings
 ) -> tuple[int, int] | None:
-    """Returns the row and the column of a plan in `_ways`; None if it is not among them."""
+    """Returns the row and the column of a plan in `_paths`; None if it is not among them."""
     if not kept.meets:
         return None
     row, column = round(kept.time / settings.step) - first, 0
@@ -256,22 +257,22 @@ def _inside(points: FloatArray, limits: PalmLimits) -> BoolArray:
 
 
 def _possible_times(
-    a: FloatArray, tau: FloatArray, course: _Course, settings: MeetingSettings
+    a: FloatArray, tau: FloatArray, prediction: _Prediction, settings: MeetingSettings
 ) -> tuple[CatchLimit, BoolArray]:
     """Returns at which times the object itself can be met, or what prevents it at all times."""
     limits = settings.limits
-    reached = (tau >= settings.earliest) & _inside(course.places, limits)
+    reached = (tau >= settings.earliest) & _inside(prediction.p_met, limits)
     possible = np.ones(len(tau), dtype=bool)
     # The palm moves with the object until it has gripped it, and then comes to rest.
-    gripped = np.abs(course.gripped)
-    speeds = np.maximum(np.abs(course.rates), gripped)
+    gripped = np.abs(prediction.v_gripped)
+    speeds = np.maximum(np.abs(prediction.v_met), gripped)
     accelerations = np.maximum(np.abs(a), gripped / settings.stop)
     checks = (
         reached,
         np.all(speeds <= limits.speed, axis=1),
         np.all(accelerations <= limits.acceleration, axis=1),
-        norms(course.gripped) <= settings.stop * settings.grip,
-        _inside(course.left, limits) & _inside(course.ends, limits),
+        norms(prediction.v_gripped) <= settings.stop * settings.grip,
+        _inside(prediction.p_gripped, limits) & _inside(prediction.p_stopped, limits),
     )
     for limit, holds in zip(CHECKS, checks, strict=True):
         possible &= holds
@@ -280,77 +281,78 @@ def _possible_times(
     return CatchLimit.NONE, possible
 
 
-def _ways(
+def _paths(
     offset: FloatArray,
     motion: FloatArray,
     tau: FloatArray,
-    course: _Course,
+    prediction: _Prediction,
     settings: MeetingSettings,
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Returns shares of the limits on all ways to the object.
+    """Returns shares of the limits on all paths to the object.
 
-    The rows are meeting times. The columns are the direct way, which is for a palm that is over the
-    object already, and then each of the `DESCENTS` from each height.
+    The rows are meeting times. The columns are the direct path, which is for a palm that is over
+    the object already, and then each of the `DESCENTS` from each height.
 
     Returns:
-        Shares of the largest speed, of the largest acceleration, and whether a way leaves the
+        Shares of the largest speed, of the largest acceleration, and whether a path leaves the
         travel.
     """
     limits, step, heights = settings.limits, settings.step, np.append(0.0, settings.height + RISES)
-    fast, hard, is_out = _ways_over(offset, motion, tau, heights, limits)
+    over_speed, over_acceleration, is_out = _paths_over(offset, motion, tau, heights, limits)
     earlier = np.arange(NUM_TIMES)[:, None, None] - DESCENTS[:, None]
     begun, up, j = np.maximum(earlier, 0), heights[1:], np.arange(1, len(heights))
     down = step * DESCENTS[:, None]
-    rates = np.abs(course.rates[:, 2])  # The largest is at one of the ends of the descent.
+    rates = np.abs(prediction.v_met[:, 2])  # The largest is at one of the ends of the descent.
     rates = np.maximum(rates[begun], rates[:, None, None])
     falls = (rates + PEAK_SPEED * up / down) / limits.speed[2]
     yields = (np.abs(motion[2, 2]) + PEAK_ACCELERATION * up / down**2) / limits.acceleration[2]
-    speed = np.maximum(fast[begun, j], falls).reshape(NUM_TIMES, -1)
-    change = np.maximum(hard[begun, j], yields).reshape(NUM_TIMES, -1)
+    speed = np.maximum(over_speed[begun, j], falls).reshape(NUM_TIMES, -1)
+    acceleration = np.maximum(over_acceleration[begun, j], yields).reshape(NUM_TIMES, -1)
     out = (is_out[begun, j] | (earlier < 0)).reshape(NUM_TIMES, -1)
     aside = np.max(np.abs(offset[0, :2]) + tau[:, None] * np.abs(offset[1, :2]), axis=1)
     directly = is_out[:, 0] | (aside > settings.sideways)
     return (
-        np.column_stack([fast[:, 0], speed]),
-        np.column_stack([hard[:, 0], change]),
+        np.column_stack([over_speed[:, 0], speed]),
+        np.column_stack([over_acceleration[:, 0], acceleration]),
         np.column_stack([directly, out]),
     )
 
 
-def _ways_over(
+def _paths_over(
     offset: FloatArray,
     motion: FloatArray,
     tau: FloatArray,
     heights: FloatArray,
     limits: PalmLimits,
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Returns shares of the limits on the ways to places over the object, each (times, heights).
+    """Returns shares of the limits on the paths to places over the object, each (times, heights).
 
     Returns:
-        Shares of the largest speed, of the largest acceleration, and whether a way leaves the
+        Shares of the largest speed, of the largest acceleration, and whether a path leaves the
         travel.
     """
-    speed, change = np.zeros((2, len(tau), len(heights)))
+    speed, acceleration = np.zeros((2, len(tau), len(heights)))
     out = np.zeros(speed.shape, dtype=bool)
-    ways = [(axis, 0.0, slice(None)) for axis in range(2)]
-    ways += [(2, height, slice(k, k + 1)) for k, height in enumerate(heights.tolist())]
-    for axis, height, columns in ways:
+    parts = [(axis, 0.0, slice(None)) for axis in range(2)]
+    parts += [(2, height, slice(k, k + 1)) for k, height in enumerate(heights.tolist())]
+    for axis, height, columns in parts:
         up = np.array([height, 0.0, 0.0])
         found = peaks(offset[:, axis] - up, motion[:, axis] + up, tau)
-        fast, hard = found.speed / limits.speed[axis], found.acceleration
-        hard = hard / limits.acceleration[axis]
-        speed[:, columns] = np.maximum(speed[:, columns], fast[:, None])
-        change[:, columns] = np.maximum(change[:, columns], hard[:, None])
+        for shares, peak, limit in (
+            (speed, found.speed, limits.speed[axis]),
+            (acceleration, found.acceleration, limits.acceleration[axis]),
+        ):
+            shares[:, columns] = np.maximum(shares[:, columns], peak[:, None] / limit)
         beyond = (found.lowest < limits.lower[axis]) | (found.highest > limits.upper[axis])
         out[:, columns] |= beyond[:, None]
-    return speed, change, out
+    return speed, acceleration, out
 
 
 def _cost_of_times(
-    variance: float, tau: FloatArray, course: _Course, settings: MeetingSettings
+    variance: float, tau: FloatArray, prediction: _Prediction, settings: MeetingSettings
 ) -> FloatArray:
     """Returns what meetings cost that depends on their times only, shape (times,)."""
-    limits, both = settings.limits, np.stack([course.places, course.ends])
+    limits, both = settings.limits, np.stack([prediction.p_met, prediction.p_stopped])
     room = np.min(np.minimum(both - limits.lower, limits.upper - both), axis=(0, 2))
     spread = np.sqrt(variance + settings.diffusion * tau**3)
     cost: FloatArray = LATENESS * tau + spread / TOLERANCE + 1 - np.clip(room / MARGIN, 0, 1)

@@ -1,4 +1,4 @@
-"""Ways of a palm to a moving object: quintics that end with the object's motion, and their bounds.
+"""Paths of a palm to a moving object: quintics that end with the object's motion, and their bounds.
 
 Coordinates are along the axes of the palm's approach A, whose z axis points from the object to the
 palm: x = R_AW p. The palm's offset from the object's centre of mass is d(t). It starts with the

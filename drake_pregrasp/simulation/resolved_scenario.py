@@ -10,8 +10,8 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.finger_config import capability_at, remaining_contacts
-from drake_pregrasp.config.grasp_config import ABOVE, SIDE, GraspConfig
-from drake_pregrasp.config.hand_description import Carrier, HandDescription
+from drake_pregrasp.config.grasp_config import ABOVE
+from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.config.object_config import (
     Box,
     Conveyor,
@@ -28,16 +28,13 @@ from drake_pregrasp.diagrams import feasibility, start_grasp
 from drake_pregrasp.diagrams.approaches import (
     best_approach,
     candidate_approaches,
-    least_side_height,
 )
 from drake_pregrasp.diagrams.expected_path import expected_poses, initial_pose
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_station import TABLE
-from drake_pregrasp.diagrams.palm_base import PalmCarrier
 from drake_pregrasp.errors import (
     InvalidArgumentError,
     NoSurfaceError,
-    Problems,
     ScenarioError,
     errors_at,
     raise_first,
@@ -48,6 +45,7 @@ from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.finger_measures import FingerMeasures
 from drake_pregrasp.simulation import scenario_check
+from drake_pregrasp.simulation.grasp_check import grasp_problems, model_problems
 from drake_pregrasp.simulation.hand_file import load_hand, made_hand
 from drake_pregrasp.simulation.obstacle_config import moving_solid
 from drake_pregrasp.simulation.scenario import TIME_STEP, Scenario
@@ -180,7 +178,7 @@ def _resolved(scenario: Scenario, keep: ResolvedScenario | None) -> ResolvedScen
     if hand is None:
         start = keep.start if keep else _given_start(scenario, surface, X_WO)
     else:
-        raise_first(_grasp_problems(scenario, hand, count, plant_config))
+        raise_first(grasp_problems(scenario, hand, count, plant_config))
         waiting = _waiting_pose(scenario, shape, X_WO)
         if keep and keep.hand:
             model, start = keep.hand, keep.start
@@ -291,7 +289,7 @@ def _hand_and_start(
         top = float(np.max((shape.mesh.vertices - p_OCoM) @ up))
         return made_hand(description.over_object(top), grasp.yaw_range, X_LA, upright.model)
 
-    raise_first(_model_problems(grasp, upright))
+    raise_first(model_problems(grasp, upright))
     with errors_at("hand.file", f"{file}: "):
         approaches = [FROM_ABOVE]
         if grasp.approaches != [ABOVE]:
@@ -319,80 +317,6 @@ def _hand_and_start(
                 p_OC=given,
             ),
         )
-
-
-def _grasp_problems(
-    scenario: Scenario, hand: HandDescription, count: int, plant: MultibodyPlantConfig
-) -> Problems:
-    """Yields the key and a description of each reason why settings of a grasp do not fit.
-
-    Args:
-        scenario: Scenario whose keys, types and ranges have been checked.
-        hand: Description of the hand.
-        count: Number of contacts.
-        plant: Configuration of the plant.
-    """
-    grasp = scenario.grasp
-    if len(grasp.meeting.wait_at) not in (0, 3):
-        problem = f"{grasp.meeting.wait_at} must be empty, or three coordinates"
-        yield "grasp.meeting.wait_at", problem
-    elif grasp.meeting.wait_at and not isinstance(hand.base, Carrier):
-        problem = "must be empty for a hand on an arm: only carriers meet objects"
-        yield "grasp.meeting.wait_at", problem
-    if not grasp.meeting.earliest <= grasp.meeting.latest:
-        problem = f"{grasp.meeting.earliest} must be at most latest, {grasp.meeting.latest}"
-        yield "grasp.meeting.earliest", problem
-    if isinstance(scenario.motion, PoseStream):
-        problem = "recorded poses move the object in no plant, so no hand can lift it"
-        yield "motion", f"{problem}; choose another motion, or no hand"
-    in_air = isinstance(scenario.motion, Toss) and not scenario.motion.table
-    if in_air and not grasp.meeting.wait_at:
-        problem = "must be true for a hand that starts over the object"
-        yield "motion.table", f"{problem}; with grasp.meeting.wait_at it waits elsewhere"
-    if (gravity := scenario.planner.estimator.gravity) and not in_air:
-        problem = f"{gravity} must be 0 for a hand, because the table carries the object"
-        yield "planner.estimator.gravity", problem
-    with errors_at("grasp.lift_direction"):
-        _ = grasp.lift_axis
-    if isinstance(scenario.motion, Toss) and SIDE in grasp.approaches:
-        problem = f"must be [{ABOVE}] for a !Toss: the object lands at another height"
-        yield "grasp.approaches", f"{grasp.approaches} {problem}"
-    with errors_at("hand.file"):
-        start_grasp.check_count(hand, count)
-    if plant.discrete_contact_approximation == "tamsi":
-        problem = "tamsi has no drives for a hand's joints; choose sap, similar or lagged"
-        yield "plant_config.discrete_contact_approximation", problem
-    if plant.use_sampled_output_ports:
-        problem = (
-            "must be false with a hand, whose joints the controller would see a time step late"
-        )
-        yield "plant_config.use_sampled_output_ports", f"true {problem}"
-    yield from start_grasp.grasp_problems(
-        grasp, scenario.planner, hand, mass=scenario.object.mass, time_step=plant.time_step
-    )
-
-
-def _model_problems(grasp: GraspConfig, hand: HandModel) -> Problems:
-    """Yields the key and a description of each setting of a grasp that a hand's model does not fit.
-
-    Args:
-        grasp: Configuration of the grasp.
-        hand: Model of the hand, from above, with the range of its own wrist.
-    """
-    least = least_side_height(hand) if SIDE in grasp.approaches else 0.0
-    if 0 < grasp.side_height < least:
-        problem = f"{grasp.side_height} must be at least {least:.3g}"
-        yield "grasp.side_height", f"{problem}, so that the hand clears the table"
-    with errors_at("grasp.wrist_range"):
-        hand.yaw_range(grasp.yaw_range)
-    if grasp.meeting.wait_at and isinstance(hand.base, PalmCarrier):
-        model, axes = hand.kinematics, hand.base.joints[:3]
-        q = hand.base.posture(model.lower, np.array(grasp.meeting.wait_at), 0.0)[axes]
-        for axis, name in enumerate(hand.base.names[:3]):
-            low, high = model.lower[axes[axis]], model.upper[axes[axis]]
-            if not low <= q[axis] <= high:
-                problem = f"joint {name} would be at {q[axis]:.3g} m, its range is {low:g} to"
-                yield "grasp.meeting.wait_at", f"{grasp.meeting.wait_at}: {problem} {high:g} m"
 
 
 def _followed_path(

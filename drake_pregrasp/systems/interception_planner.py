@@ -1,4 +1,4 @@
-"""Interception of the object by the palm: the meeting, the way to it, and whether there is one."""
+"""Interception of the object by the palm: the meeting, the path to it, and its certificate."""
 
 from dataclasses import replace
 from functools import partial
@@ -131,7 +131,7 @@ class InterceptionPlanner(LeafSystem):
         """Returns position, velocity and acceleration of the palm in a time ahead, (3, 3)."""
         plan, time = self._meeting.Eval(context), context.get_time() + ahead
         base = plan.object_at(time)
-        # A palm on its way to an object that is lost goes on as that one did, to stop.
+        # If the object is lost, the palm starts its stop with the object's last velocity.
         if plan.follows and (self._pose.eval(context).is_tracked or not plan.meets):
             base = moved(self._motion.Eval(context), ahead)
         palm: FloatArray = base + plan.offset_at(time)

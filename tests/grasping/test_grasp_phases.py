@@ -374,6 +374,38 @@ def test_forces_rise_slowly_while_a_finger_does_not_press_and_it_moves_in():
     assert phases(states)[-1] == "HOLD"
 
 
+def test_a_squeeze_is_not_completed_while_a_finger_does_not_press():
+    def loosen(scene, state):
+        loose = state.phase == GraspPhase.SQUEEZE
+        scene.force = np.where(np.arange(N) == 2, -20.0 * loose, 0.0)
+
+    states = play(Scene(), change=loosen, end=8.0)
+    assert np.max(shares_of(states)) == pytest.approx(0.9)
+    assert "LIFT" not in phases(states)
+    assert (states[-1].reason, states[-1].detail) == (GiveUp.LOST_TOUCH, 2)
+
+
+@pytest.mark.parametrize(("gap", "touches"), [(0.0005, True), (0.01, False)])
+def test_a_fingertip_that_bounces_off_the_surface_still_touches(gap, touches):
+    state = replace(
+        GraspState.first(N, SETTINGS),
+        phase=GraspPhase.CLOSE,
+        asked=0.0,
+        active=ALL,
+        touched=np.arange(N) == 0,
+        standoffs=np.full(N, gap - 0.002),
+    )
+    view = replace(
+        Scene().view(1.0, True, state),
+        gaps=np.full(N, gap),
+        surface_gaps=np.full(N, gap),
+        presses=np.zeros(N),
+        distances=np.full(N, 0.002),
+    )
+    after = next_state(state, view, SETTINGS, PERIOD, balanced)
+    np.testing.assert_array_equal(after.touched, (np.arange(N) == 0) & touches)
+
+
 @pytest.mark.parametrize(("finger", "words"), [(2, "finger 2"), (BASE, "the base")])
 def test_a_hand_says_what_hinders_it_for_as_long_as_it_stands(finger, words):
     def hinder(scene, state):

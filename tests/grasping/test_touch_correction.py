@@ -5,9 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drake_pregrasp.geometry.rotations import rotation_matrix
 from drake_pregrasp.grasping.touch_correction import (
     LARGEST_SHIFT,
     LARGEST_TURN,
+    corrected_pose,
     is_settled,
     limited_offset,
     touch_correction,
@@ -104,3 +106,12 @@ def test_in_many_steps_an_offset_goes_no_farther_than_in_one(gaps, arm, touching
         offset = limited_offset(offset, touch_correction(left, rows, touching, offset), step)
     near = limited_offset(NONE, whole, np.inf)
     assert is_settled(offset - near)
+
+
+@given(st.floats(-0.02, 0.02), st.floats(-0.02, 0.02), st.floats(-0.3, 0.3), turns)
+def test_an_offset_displaces_the_centre_of_mass_and_turns_the_object_about_it(x, y, yaw, azimuth):
+    p_OCoM, p_WO = np.array([0.02, -0.01, 0.05]), np.array([0.1, 0.2, 0.3])
+    R_WO = rotation_matrix(np.array([0.0, 0.0, azimuth]))
+    R, p = corrected_pose(R_WO, p_WO, p_OCoM, np.array([x, y, yaw]))
+    np.testing.assert_allclose(R, rotation_matrix(np.array([0.0, 0.0, azimuth + yaw])), atol=1e-12)
+    np.testing.assert_allclose(p + R @ p_OCoM - p_WO - R_WO @ p_OCoM, [x, y, 0.0], atol=1e-12)
