@@ -48,11 +48,12 @@ def paired_tests(
     Args:
         rows: Rows of the study, with the following columns and `method`.
         tests: The tests of the study's file.
-        cell: Columns of the cells that have a test each.
+        cell: Columns of the cells that have a test each, unless tests are pooled.
         pair: Columns that identify a pair of runs in a cell.
 
     Returns:
-        A row for each cell and pair of methods with common runs. Columns `cell` and `COLUMNS`; the
+        A row for each cell, or pooled test, and pair of methods with common runs. Columns `cell`,
+        without values in pooled tests, and `COLUMNS`; the
         number of common runs `pairs`; the number of runs in which only the tested method succeeds,
         or has the larger value, `gained`, and only the other, `lost`; `p` and `p_holm`; the
         interval `low`, `high` of the difference of shares; and the `verdict`: "ahead", "behind" or
@@ -76,17 +77,28 @@ def _verdict(difference: int, is_number: bool) -> str:
 def _tests_of(
     rows: pd.DataFrame, test: PairedTest, cell: list[str], pair: list[str]
 ) -> Iterator[Mapping[str, Any]]:
-    wide = rows.pivot(index=[*cell, *pair], columns="method", values=test.measure)
+    rows = rows.dropna(subset=[test.measure])
+    if test.pooled:  # The grasps of a run are not independent: a pair is a condition and a seed.
+        pair, cell = [*(name for name in cell if name != "close_at"), *pair], []
+    wide = _one_value_each(rows, [*cell, *pair, "method"], test.measure).unstack("method")
     for other in test.against:
         if not {test.method, other} <= set(wide.columns):
             continue
         both = wide[[test.method, other]].dropna()
+        if both.empty:
+            continue
         groups = both.groupby(level=cell, sort=False) if cell else [((), both)]
         for key, common in groups:
             values = key if isinstance(key, tuple) else (key,)
             head = dict(zip(cell, values, strict=True))
             names = {"measure": test.measure, "tested": test.method, "against": other}
             yield head | names | _compared(common[test.method], common[other])
+
+
+def _one_value_each(rows: pd.DataFrame, keys: list[str], measure: str) -> pd.Series:
+    """Returns the mean of a number, or whether all of yes and no are yes, in rows of equal keys."""
+    groups = rows.groupby(keys, sort=False)[measure]
+    return groups.all() if is_yes_or_no(rows[measure]) else groups.mean()
 
 
 def _compared(tested: pd.Series, other: pd.Series) -> dict[str, Any]:

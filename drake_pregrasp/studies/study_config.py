@@ -68,6 +68,10 @@ class PairedTest:
     # numbers by Wilcoxon's signed-rank test.
     measure: str = "held"
 
+    # Whether one test compares all runs of all conditions; by default, each condition and closing
+    # time has a test. A run has the mean of its grasps' numbers, and yes if all its grasps have.
+    pooled: bool = False
+
 
 @dataclass
 class StudyConfig:

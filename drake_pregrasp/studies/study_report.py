@@ -202,8 +202,12 @@ def test_table(study: Study, tests: pd.DataFrame) -> Any:
     table = tests.copy()
     if "condition" in table:
         labels = {key: condition.label for key, condition in study.conditions.items()}
-        table["condition"] = pd.Categorical(table["condition"].map(labels), labels.values())
+        order = [*labels.values(), "all"]
+        named = table["condition"].map(labels).fillna("all")
+        table["condition"] = pd.Categorical(named, order)
         table = table.sort_values("condition", kind="stable")
+    if "close_at" in table:
+        table["close_at"] = table["close_at"].astype(object).fillna("all")
     labels = {key: method.label for key, method in study.methods.items()}
     table[["tested", "against"]] = table[["tested", "against"]].map(labels.get)
     # Rounded outward, so that the interval keeps its coverage probability.

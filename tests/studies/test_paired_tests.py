@@ -25,9 +25,9 @@ def rows_of(pairs, condition="nominal", close_at=4.0, baseline="fixed_plan"):
     )
 
 
-def paired_tests(rows, measure="clean"):
+def paired_tests(rows, measure="clean", pooled=False):
     others = [key for key in rows["method"].unique() if key != "dynamic_reach"]
-    test = PairedTest("dynamic_reach", others, measure)
+    test = PairedTest("dynamic_reach", others, measure, pooled)
     cell = ["condition", "close_at"]
     return statistics.paired_tests(rows, [test], cell=cell, pair=["seed"])
 
@@ -103,3 +103,17 @@ def test_numbers_are_compared_by_signed_ranks(sign):
     assert {test.gained, test.lost} == {9, 1}
     assert test.verdict == ("larger" if sign > 0 else "smaller")
     assert np.isnan(test.low)
+
+
+def test_a_pooled_test_compares_whole_runs_of_all_conditions():
+    cells = [("a", 4.0), ("a", 7.0), ("b", 4.0)]
+    grasps = [counts_to_pairs(2, 0, 1), counts_to_pairs(1, 1, 1), counts_to_pairs(0, 3)]
+    rows = pd.concat([rows_of(p, *cell) for p, cell in zip(grasps, cells, strict=True)])
+    (test,) = paired_tests(rows, pooled=True).itertuples()
+    # Of run a/1, each method has one clean grasp of two: neither succeeds.
+    assert (test.pairs, test.gained, test.lost) == (6, 1, 3)
+    assert pd.isna(test.condition)
+    assert pd.isna(test.close_at)
+    rows["slip"] = np.where(rows["close_at"] == 7.0, 3.0, 1.0) * (rows["method"] == "dynamic_reach")
+    (test,) = paired_tests(rows.astype({"clean": object}), "slip", pooled=True).itertuples()
+    assert test.p == pytest.approx(wilcoxon([2.0] * 3 + [1.0] * 3).pvalue)
