@@ -18,6 +18,9 @@ CONFIDENCE = 0.95
 SIGNIFICANT = 0.05
 """Significance level of corrected p values."""
 
+ALL = "all"
+"""Value of a pooled test in the columns of the cells."""
+
 COLUMNS = ("measure", "tested", "against", "pairs", "gained", "lost", "p", "low", "high")
 """Columns of the tests, after those of the cell."""
 
@@ -53,11 +56,11 @@ def paired_tests(
 
     Returns:
         A row for each cell, or pooled test, and pair of methods with common runs. Columns `cell`,
-        without values in pooled tests, and `COLUMNS`; the
-        number of common runs `pairs`; the number of runs in which only the tested method succeeds,
-        or has the larger value, `gained`, and only the other, `lost`; `p` and `p_holm`; the
-        interval `low`, `high` of the difference of shares; and the `verdict`: "ahead", "behind" or
-        "". Of numbers, `verdict` says which method has larger ones: "larger" or "smaller".
+        which are `ALL` in a pooled test, and `COLUMNS`; the number of common runs `pairs`; the
+        number of runs in which only the tested method succeeds, or has the larger value, `gained`,
+        and only the other, `lost`; `p` and `p_holm`; the interval `low`, `high` of the difference
+        of shares; and the `verdict`: "ahead", "behind" or "". Of numbers, `verdict` says which
+        method has larger ones: "larger" or "smaller".
     """
     found = [line for test in tests for line in _tests_of(rows, test, list(cell), list(pair))]
     table = pd.DataFrame(found, columns=[*cell, *COLUMNS])
@@ -77,8 +80,9 @@ def _verdict(difference: int, is_number: bool) -> str:
 def _tests_of(
     rows: pd.DataFrame, test: PairedTest, cell: list[str], pair: list[str]
 ) -> Iterator[Mapping[str, Any]]:
-    rows = rows.dropna(subset=[test.measure])
+    rows, pooled = rows.dropna(subset=[test.measure]), {}
     if test.pooled:  # The grasps of a run are not independent: a pair is a condition and a seed.
+        pooled = dict.fromkeys(cell, ALL)
         pair, cell = [*(name for name in cell if name != "close_at"), *pair], []
     wide = _one_value_each(rows, [*cell, *pair, "method"], test.measure).unstack("method")
     for other in test.against:
@@ -90,7 +94,7 @@ def _tests_of(
         groups = both.groupby(level=cell, sort=False) if cell else [((), both)]
         for key, common in groups:
             values = key if isinstance(key, tuple) else (key,)
-            head = dict(zip(cell, values, strict=True))
+            head = pooled | dict(zip(cell, values, strict=True))
             names = {"measure": test.measure, "tested": test.method, "against": other}
             yield head | names | _compared(common[test.method], common[other])
 

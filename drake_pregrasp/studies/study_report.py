@@ -17,6 +17,7 @@ from drake_pregrasp.studies.grasps.fitting_objects import FIT_IN_WORDS
 from drake_pregrasp.studies.grasps.grasp_outcome import CLEAN_IN_WORDS, HELD_IN_WORDS
 from drake_pregrasp.studies.measures import MEASURES, PLANNING
 from drake_pregrasp.studies.paired_tests import (
+    ALL,
     SIGNIFICANT,
     is_yes_or_no,
     least_pairs,
@@ -201,13 +202,9 @@ def test_table(study: Study, tests: pd.DataFrame) -> Any:
     """Returns the table of the tests of `paired_tests`, with colours of the verdicts."""
     table = tests.copy()
     if "condition" in table:
-        labels = {key: condition.label for key, condition in study.conditions.items()}
-        order = [*labels.values(), "all"]
-        named = table["condition"].map(labels).fillna("all")
-        table["condition"] = pd.Categorical(named, order)
+        labels = {key: condition.label for key, condition in study.conditions.items()} | {ALL: ALL}
+        table["condition"] = pd.Categorical(table["condition"].map(labels), labels.values())
         table = table.sort_values("condition", kind="stable")
-    if "close_at" in table:
-        table["close_at"] = table["close_at"].astype(object).fillna("all")
     labels = {key: method.label for key, method in study.methods.items()}
     table[["tested", "against"]] = table[["tested", "against"]].map(labels.get)
     # Rounded outward, so that the interval keeps its coverage probability.

@@ -112,8 +112,7 @@ def test_a_pooled_test_compares_whole_runs_of_all_conditions():
     (test,) = paired_tests(rows, pooled=True).itertuples()
     # Of run a/1, each method has one clean grasp of two: neither succeeds.
     assert (test.pairs, test.gained, test.lost) == (6, 1, 3)
-    assert pd.isna(test.condition)
-    assert pd.isna(test.close_at)
+    assert test.condition == test.close_at == "all"
     rows["slip"] = np.where(rows["close_at"] == 7.0, 3.0, 1.0) * (rows["method"] == "dynamic_reach")
     (test,) = paired_tests(rows.astype({"clean": object}), "slip", pooled=True).itertuples()
     assert test.p == pytest.approx(wilcoxon([2.0] * 3 + [1.0] * 3).pvalue)
