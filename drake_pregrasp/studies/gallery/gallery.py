@@ -126,7 +126,7 @@ def picture_grasps(out: str | Path, *, on_progress: OnProgress = lambda done, to
         name: text for name, (file, text) in shipped_scenarios().items() if file.stem == "hands"
     }
     scenarios = {name: load_resolved(name) for name in hands}  # Fails before any picture is made.
-    parts: list[Part] = ["`drake-pregrasp study grasps` makes these pictures."]
+    parts: list[Part] = ["`drake-pregrasp grasps` makes these pictures."]
     for done, (name, scenario) in enumerate(scenarios.items()):
         on_progress(done, len(hands))
         film = film_grasp(scenario)
