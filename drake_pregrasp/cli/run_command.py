@@ -213,7 +213,7 @@ def add_allow_option(parser: argparse.ArgumentParser, source: str = "scenario") 
 
 def _live(options: argparse.Namespace) -> int:
     if not (options.scenario or options.scenario_file):
-        options.scenario = "a_base"
+        options.scenario = "grasp_five_finger"
     name, scenario = load_chosen(options)
 
     def announce(address: str) -> None:

@@ -242,9 +242,16 @@ class Toss:
     # Initial orientation of O in W, as roll, pitch and yaw, in radians.
     rpy: list[float] = field(default_factory=zeros, metadata=POINT)
 
-    # Initial velocity of the centre of mass in W, in m/s.
+    # Initial velocity of the centre of mass in W, in m/s. A live run changes its magnitude.
     velocity: list[float] = field(
-        default_factory=zeros, metadata={"length": 3, "at_least": -50, "at_most": 50}
+        default_factory=zeros,
+        metadata={
+            "length": 3,
+            "at_least": -50,
+            "at_most": 50,
+            "typical": (0.1, 5.0),
+            "unit": "m/s",
+        },
     )
 
     # Initial angular velocity in W, in rad/s; it stays constant for equal moments of inertia.

@@ -11,16 +11,24 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydrake.geometry import Meshcat
 
-from drake_pregrasp.config.object_config import Conveyor, PoseStream
+from drake_pregrasp.config.object_config import Conveyor, PoseStream, Toss
 from drake_pregrasp.errors import OutputError
 from drake_pregrasp.live.live_run import LiveRun
 from drake_pregrasp.simulation.scenario import Scenario
 
 _IDLE = 0.02  # Seconds between looks at the controls while the run is paused.
 _STEPS = 200  # Smallest number of steps of a slider.
-_UNITS = {"mm": 1e-3, "ms": 1e-3, "mm/s": 1e-3, "deg": math.pi / 180, "deg/s": math.pi / 180}
+_UNITS = {
+    "mm": 1e-3,
+    "ms": 1e-3,
+    "mm/s": 1e-3,
+    "m/s": 1.0,
+    "deg": math.pi / 180,
+    "deg/s": math.pi / 180,
+}
 
 
 @dataclass(frozen=True)
@@ -44,12 +52,13 @@ class Slider:
     fields: dict[str, Mapping[str, Any]]
 
     def value(self, scenario: Scenario) -> float:
-        """Returns the value of the first field, in the slider's unit."""
+        """Returns the value of the first field, or the magnitude of a vector, in the unit."""
         path = next(iter(self.fields))
         if (index := _velocity_index(path, scenario)) is not None:
             assert isinstance(scenario.motion, Conveyor)
             return scenario.motion.velocities()[-1][1 + index] / self.unit
-        return float(attrgetter(path)(scenario)) / self.unit
+        value = attrgetter(path)(scenario)
+        return float(np.linalg.norm(value) if isinstance(value, list) else value) / self.unit
 
     def apply(self, run: LiveRun, value: float) -> None:
         """Changes the run's fields to a value in the slider's unit, within the slider's range.
@@ -69,6 +78,9 @@ class Slider:
                 # A field that excludes the slider's end gets the tenth of a step beside it.
                 is_excluded = value <= rules.get("above", -math.inf)
                 least = rules["above"] + self.step * self.unit / 10 if is_excluded else value
+                before = attrgetter(path)(scenario)
+                if isinstance(before, list):  # A vector keeps its direction.
+                    least = (np.array(before) * least / np.linalg.norm(before)).tolist()
                 setattr(attrgetter(owner)(scenario), key, least)
             if "planner.period" in self.fields:
                 _fit_time_step(scenario)
@@ -97,6 +109,8 @@ def _adjustable(config: Any, owner: str = "") -> Iterator[tuple[str, Mapping[str
     """Yields the dotted path and metadata of each field that declares typical values."""
     for field in dataclasses.fields(config):
         value = getattr(config, field.name)
+        if value == [0.0, 0.0, 0.0]:  # It has no direction.
+            continue
         if "typical" in field.metadata:
             yield owner + field.name, field.metadata
         elif dataclasses.is_dataclass(value):
@@ -165,6 +179,8 @@ class LiveControls:
             self._buttons[label] = partial(run.switch_finger, contact)
         if not isinstance(scenario.motion, PoseStream):  # A replayed object goes on its way.
             self._buttons["object: nudge"] = run.nudge
+        if isinstance(scenario.motion, Toss):
+            self._buttons["object: throw"] = self._reset
         if scenario.has_hand:
             self._buttons["hand: close"] = run.close
         self._add()

@@ -16,6 +16,7 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.hand_description import Arm
 from drake_pregrasp.config.object_config import Conveyor
 from drake_pregrasp.diagrams.expected_path import expected_path
+from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
@@ -105,6 +106,7 @@ def add_visualizers(
     resolved: ResolvedScenario,
     object_plant: ObjectPlant | HandStation,
     planner: PregraspPlanner,
+    controller: HandController | None,
     *,
     record: bool,
     live: bool,
@@ -119,6 +121,7 @@ def add_visualizers(
         resolved: Scenario to simulate.
         object_plant: Plant in the builder, with the object and perhaps a hand.
         planner: Planner in the builder.
+        controller: Controller of the hand in the builder, or None without a hand.
         record: Whether to start a recording.
         live: Whether the viewer shows the simulation while it records.
         camera: Initial camera; by default one that sees the whole motion without following it.
@@ -143,6 +146,8 @@ def add_visualizers(
     drawn = "X_WO_estimated p_WC contact_status safe_regions p_WO_covariance"
     connect(builder, planner, drawn, visualizer)
     connect(builder, object_plant, "X_WO", visualizer)
+    if controller is not None and resolved.scenario.grasp.meeting.wait_at:
+        connect(builder, controller, "catch_certificate", visualizer)
     if record:
         meshcat.StartRecording(1 / period, set_visualizations_while_recording=live)
     if continues is not None:
@@ -234,4 +239,5 @@ def make_timeline(
         static_end=end,
         obstacle_names=names,
         camera=follows,
+        waits=bool(resolved.scenario.grasp.meeting.wait_at),
     )

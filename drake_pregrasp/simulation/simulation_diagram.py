@@ -93,6 +93,7 @@ def make_diagram(
             resolved,
             plant,
             planner,
+            hand and hand.controller,
             record=record,
             live=live,
             camera=camera,

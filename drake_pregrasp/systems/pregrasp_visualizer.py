@@ -1,4 +1,4 @@
-"""Safe regions, contact goals, their trails and the estimate's covariance in Meshcat."""
+"""Safe regions, contact goals, the covariance and the meeting of hand and object in Meshcat."""
 
 import numpy as np
 from pydrake.geometry import Meshcat, Rgba, Sphere
@@ -10,6 +10,7 @@ from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.geometry.sampling import lifted, unit_normals
 from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.grasping.interception import CatchLimit
 from drake_pregrasp.regions.safe_regions import NO_REGION, SafeRegions
 from drake_pregrasp.systems.drawing import contact_color, linear_rgb, region_color
 from drake_pregrasp.systems.ports import POSE, REGIONS
@@ -24,6 +25,7 @@ _REGION_LIFT = 8e-4
 
 _SEEN_THROUGH = 0.4  # Opacity of goals behind the object.
 _ELLIPSOID_COLOR = Rgba(0.35, 0.37, 0.40, 0.6)
+_MEETING_COLOR = Rgba(0.9, 0.45, 0.1, 0.6)
 GHOST_COLOR = Rgba(0.15, 0.2, 0.35, 0.15)
 """Colour of the object at the estimated pose."""
 
@@ -44,6 +46,7 @@ class PregraspVisualizer(LeafSystem):
         - safe_regions
         - p_WO_covariance
         - X_WO
+        - catch_certificate
 
     Port `X_WO_estimated` accepts a `RigidTransform`: the pose to which goals and covariance belong.
 
@@ -61,6 +64,10 @@ class PregraspVisualizer(LeafSystem):
     Port `X_WO` accepts a `RigidTransform`: the true pose of the object, at which regions and trails
     are drawn. It is optional. At the estimated pose, which replaces it, the object hides regions.
     If both differ visibly, a translucent object at the estimated pose shows where goals belong.
+
+    Port `catch_certificate` (optional) accepts the output of `InterceptionPlanner`, a vector of 5.
+    Until a planned meeting, the ellipsoid of the covariance is also drawn, in orange, at the place
+    where the hand will meet the object.
 
     A recording keeps only transforms and properties. All objects are therefore created once, by the
     constructor, and each publish event sets only what has changed.
@@ -116,6 +123,7 @@ class PregraspVisualizer(LeafSystem):
         self._safe_regions = self.DeclareAbstractInputPort("safe_regions", REGIONS)
         self._p_WO_covariance = self.DeclareVectorInputPort("p_WO_covariance", 9)
         self._X_WO = self.DeclareAbstractInputPort("X_WO", POSE)
+        self._certificate = self.DeclareVectorInputPort("catch_certificate", 5)
         if continues is None:
             self._make_objects()
         else:
@@ -144,6 +152,7 @@ class PregraspVisualizer(LeafSystem):
         mesh = self._surface.mesh
         self._meshcat.SetTriangleMesh(_GHOST, mesh.vertices.T, mesh.faces.T, GHOST_COLOR)
         self._meshcat.SetObject(f"{ROOT}/covariance/axes", Sphere(1.0), _ELLIPSOID_COLOR)
+        self._meshcat.SetObject(f"{ROOT}/meeting/axes", Sphere(1.0), _MEETING_COLOR)
 
     def _forget(self) -> None:
         # Cache of what Meshcat shows; it is no part of the simulated state.
@@ -177,7 +186,15 @@ class PregraspVisualizer(LeafSystem):
         p_OB = p_OC + self._marker_radius * self._surface.project(p_OC)[1]
         self._draw_goals((X_WO @ p_OB.T).T, active, time)
         self._draw_trails(p_OC, active, time)
-        self._draw_covariance(X_WO, covariance, time)
+        p_WE = X_WO @ self._surface.p_OCoM + [0.0, 0.0, self._hover]
+        self._draw_covariance("covariance", p_WE, covariance, time)
+        is_planned = False
+        if self._certificate.HasValue(context):
+            limit, meeting_time, *p_WM = self._certificate.Eval(context)
+            is_planned = limit == CatchLimit.NONE and time < meeting_time
+        self._set(f"{ROOT}/meeting", "visible", is_planned, time)
+        if is_planned:
+            self._draw_covariance("meeting", np.array(p_WM), covariance, time)
         return EventStatus.Succeeded()
 
     def _color_tiles(self, labels: IntArray, time: float) -> None:
@@ -215,15 +232,16 @@ class PregraspVisualizer(LeafSystem):
             self._set(path, "visible", True, time)
             self._trail_heads[i] = count, p_OC[i]
 
-    def _draw_covariance(self, X_WO: RigidTransform, covariance: FloatArray, time: float) -> None:
+    def _draw_covariance(
+        self, name: str, p_WE: FloatArray, covariance: FloatArray, time: float
+    ) -> None:
         variances, axes = np.linalg.eigh(covariance)
         axes *= np.sign(np.linalg.det(axes))
-        p_WE = X_WO @ self._surface.p_OCoM + [0.0, 0.0, self._hover]
         X_WE = RigidTransform(RotationMatrix.ProjectToRotationMatrix(axes), p_WE)
         largest = float(self._surface.mesh.extents.max()) / 3
         radii = np.minimum(3 * self._magnification * np.sqrt(np.maximum(variances, 0)), largest)
-        self._meshcat.SetTransform(f"{ROOT}/covariance", X_WE, time)
-        self._set(f"{ROOT}/covariance/axes", "scale", [float(r) for r in radii], time)
+        self._meshcat.SetTransform(f"{ROOT}/{name}", X_WE, time)
+        self._set(f"{ROOT}/{name}/axes", "scale", [float(r) for r in radii], time)
 
     def _set(self, path: str, name: str, value: bool | list[float], time: float) -> None:
         """Sets a property if its value has changed."""

@@ -10,6 +10,7 @@ import numpy as np
 from drake_pregrasp.contacts.selection_input import ContactStatus, describe_status
 from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.grasping.grasp_state import GraspPhase, describe_give_up
+from drake_pregrasp.grasping.interception import describe_catch_limit
 from drake_pregrasp.systems.drawing import contact_color, hex_color
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
 from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
@@ -48,10 +49,11 @@ class RunTimeline:
         obstacle_names: Names of obstacles by their indices; other obstacles have none.
         camera: How the page's camera follows the object, as the fields of `CameraView`; empty for a
             camera that stays.
+        waits: Whether a hand waits elsewhere until it can meet the object.
 
     Attributes:
         states: Present texts by the names of their rows: `0` to `n - 1` for contacts, `object`,
-            `hand`, and the names of measures.
+            `hand`, `meeting` if a hand waits, and the names of measures.
         has_closed: Whether a hand closes on the object, or holds it, at present.
     """
 
@@ -64,7 +66,9 @@ class RunTimeline:
         static_end: float = 0.0,
         obstacle_names: Mapping[int, str] | None = None,
         camera: Mapping[str, list[float]] | None = None,
+        waits: bool = False,
     ) -> None:
+        self._waits = waits
         self._title, self._obstacle_names = title, dict(obstacle_names or {})
         self._camera = dict(camera or {})
         frames = [f" ({frame})" for frame in fingertips] or num_contacts * [""]
@@ -111,6 +115,8 @@ class RunTimeline:
             words += f", because {why}"
         self._time = max(self._time, record.time)
         self._set("hand", words, is_event=True)
+        if self._waits:
+            self._set("meeting", _describe_meeting(phase, *record.catch_certificate[:2]))
 
     def tell(self, text: str) -> None:
         """Adds a caption at the present time."""
@@ -144,3 +150,11 @@ class RunTimeline:
         script = f"<script>playRecording({text});</script>"
         start, end, rest = page.rpartition("</body>")
         return f"{start}{OVERLAY.read_text(encoding='utf-8')}{script}{end}{rest}"
+
+
+def _describe_meeting(phase: float, limit: float, time: float) -> str:
+    if phase != GraspPhase.APPROACH:
+        return "done"
+    if why := describe_catch_limit(limit):
+        return f"not possible, because {why}"
+    return f"planned at {time:.1f} s"

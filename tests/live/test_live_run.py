@@ -89,10 +89,30 @@ def test_a_slider_keeps_within_the_declared_range_whatever_a_page_sends(name):
             for path, rules in slider.fields.items():
                 key = path.split("_")[0].split(".")[-1]
                 value = run.velocity[key] if run.velocity else attrgetter(path)(scenario)
+                value = np.linalg.norm(value) if isinstance(value, list) else value
                 low, high = rules["typical"]
                 assert scalar_problem(value, float, rules) is None, (path, sent)
                 assert low - 1e-9 <= value <= high + 1e-9
         assert value == pytest.approx(high), "a value that is not finite was not ignored"
+
+
+@pytest.mark.slow
+def test_an_object_is_thrown_again_with_another_speed_in_the_same_direction(tmp_path):
+    meshcat = start_meshcat(live=True)
+    scenario = load_resolved("toss")
+    run = LiveRun(scenario, name="toss", meshcat=meshcat)
+    controls = LiveControls(run, meshcat, out=tmp_path)
+    first = np.array(scenario.scenario.motion.velocity)
+    meshcat.SetSliderValue("velocity [m/s]", 1.5)
+    controls.apply()
+    run.advance()
+    controls._buttons["object: throw"]()
+    assert run.time == 0
+    run.advance()
+    expected = 1.5 * first / np.linalg.norm(first)
+    np.testing.assert_allclose(run.scenario.motion.velocity, expected)
+    moved = run.last.X_WO.translation() - scenario.X_WO.translation()
+    np.testing.assert_allclose(moved[:2], expected[:2] * run.last.time, atol=1e-3)
 
 
 @pytest.mark.slow

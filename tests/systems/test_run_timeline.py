@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform
 
-from drake_pregrasp import ContactStatus, GiveUp, GraspPhase, TrackingStatus
+from drake_pregrasp import CatchLimit, ContactStatus, GiveUp, GraspPhase, TrackingStatus
 from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
 from drake_pregrasp.systems.run_timeline import RunTimeline
 
@@ -15,6 +15,11 @@ def tick(time, statuses=(1, 1), causes=(-1, -1), tracking=TrackingStatus.TRACKIN
     X = RigidTransform()
     contacts = (np.zeros((2, 3)), np.array(statuses, dtype=float), np.array(causes, dtype=float))
     return TickRecord(time, *contacts, np.array([2.0, 0.99, 100, 1, 0]), None, X, X, 0.0, tracking)
+
+
+def grasp_record(time, phase, reason=GiveUp.NONE, **options):
+    zeros, X, report = np.zeros((2, 3)), RigidTransform(), np.array([phase, time, reason, 0.0])
+    return GraspRecord(time, report, zeros, zeros, zeros, X, X, X, **options)
 
 
 def events_of(*ticks, **options):
@@ -48,6 +53,22 @@ def test_fingers_of_a_hand_have_the_names_of_their_fingertips():
     assert timeline.states["0"].startswith("active")  # As which the page shows it.
 
 
+def test_a_hand_that_waits_says_when_it_meets_the_object_or_why_it_cannot():
+    shown = []
+    for waits in (True, False):
+        timeline = RunTimeline("title", 2, waits=waits)
+        for phase, limit in (
+            (GraspPhase.APPROACH, CatchLimit.SPEED),
+            (GraspPhase.APPROACH, CatchLimit.NONE),
+            (GraspPhase.TRACK, CatchLimit.NONE),
+        ):
+            record = grasp_record(0.1, phase, catch_certificate=np.array([limit, 1.23, 0, 0, 0]))
+            timeline.add_grasp(record)
+            shown.append(timeline.states.get("meeting"))
+    reason = "not possible, because the palm is too slow"
+    assert shown == [reason, "planned at 1.2 s", "done", None, None, None]
+
+
 def test_the_end_of_the_static_phase_and_a_lost_object_are_told():
     lost = [tick(0.3, tracking=TrackingStatus.COASTING), tick(0.4, tracking=TrackingStatus.LOST)]
     events = events_of(tick(0.0), tick(0.1), tick(0.2), *lost, tick(0.5), static_end=0.2)
@@ -61,11 +82,10 @@ def test_the_end_of_the_static_phase_and_a_lost_object_are_told():
 
 
 def test_phases_of_a_grasp_are_told_with_the_reason_to_give_up():
-    timeline, zeros, X = RunTimeline("title", 2), np.zeros((2, 3)), RigidTransform()
+    timeline = RunTimeline("title", 2)
     phases = (GraspPhase.TRACK, GiveUp.NONE), (GraspPhase.BACK_OFF, GiveUp.TOLD_TO_OPEN)
     for time, (phase, reason) in enumerate(phases):
-        report = np.array([phase, time, reason, 0.0])
-        timeline.add_grasp(GraspRecord(float(time), report, zeros, zeros, zeros, X, X, X))
+        timeline.add_grasp(grasp_record(float(time), phase, reason))
     (_, first), (at, second) = timeline.data()["events"]
     assert first == "hand follows the object"
     assert at == 1.0

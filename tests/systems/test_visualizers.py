@@ -11,6 +11,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from drake_pregrasp import BallSolid, BoxSolid, ContactStatus, HalfSpace, Obstacles, box_surface
 from drake_pregrasp.contacts.selection_input import describe_status
+from drake_pregrasp.grasping.interception import CatchLimit
 from drake_pregrasp.systems import obstacle_visualizer, pregrasp_visualizer
 from drake_pregrasp.systems.obstacle_visualizer import ObstacleVisualizer
 from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
@@ -85,6 +86,25 @@ def test_the_covariance_is_drawn_no_larger_than_there_is_room(
     drawn(meshcat, surface, p_OC, std).publish()
     message = meshcat._GetPackedProperty(f"{PREGRASP}/covariance/axes", "scale")
     np.testing.assert_allclose(packed_numbers(message, 3), half_axis)
+
+
+def test_a_meeting_is_drawn_where_and_while_it_is_planned(meshcat, surface, p_OC):
+    visualizer = drawn(meshcat, surface, p_OC)
+    place = [0.4, -0.1, 0.2]
+    for certificate, is_seen in (
+        ([CatchLimit.NONE, 1.5, *place], True),
+        ([CatchLimit.SPEED, *4 * [np.nan]], False),
+        ([CatchLimit.NONE, 1.5, *place], True),
+        ([CatchLimit.NONE, 0.0, *place], False),
+    ):
+        visualizer.fix(catch_certificate=certificate)
+        visualizer.publish()
+        message = meshcat._GetPackedProperty(f"{PREGRASP}/meeting", "visible")
+        assert message.endswith(b"\xc3" if is_seen else b"\xc2")  # MessagePack's true and false.
+    meeting = packed_numbers(meshcat._GetPackedTransform(f"{PREGRASP}/meeting"), 16)
+    np.testing.assert_allclose(meeting.reshape(4, 4).T[:3, 3], place)
+    scale = meshcat._GetPackedProperty(f"{PREGRASP}/meeting/axes", "scale")
+    np.testing.assert_allclose(packed_numbers(scale, 3), 0.03)
 
 
 def test_no_touch_volumes_are_drawn_where_they_are(meshcat):
