@@ -69,10 +69,10 @@ from drake_pregrasp.systems.interception_planner import InterceptionPlanner
 from drake_pregrasp.systems.object_points import ObjectPoints
 from drake_pregrasp.systems.pose_estimator import PoseEstimator
 from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
-from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
 from drake_pregrasp.systems.safe_region_partitioner import SafeRegionPartitioner
 from drake_pregrasp.systems.sources import BodyPose
 from drake_pregrasp.version import __version__
+from drake_pregrasp.visualization.pregrasp_visualizer import PregraspVisualizer
 
 __all__ = [
     "AddHandController",

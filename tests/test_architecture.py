@@ -8,7 +8,7 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "drake_pregrasp"
 _IN_ORDER = """
     errors version resources arrays geometry quality regions contacts estimation grasping fast
-    interfaces config robots systems diagrams simulation live studies cli
+    interfaces config robots systems visualization diagrams simulation live studies cli
 """
 FLOORS = _IN_ORDER.split()
 MATHEMATICS = FLOORS[FLOORS.index("geometry") : FLOORS.index("interfaces")]

@@ -22,7 +22,7 @@ from drake_pregrasp.simulation.scenario_file import load_resolved, only_name
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
 from drake_pregrasp.systems.loggers import TickRecord
-from drake_pregrasp.systems.run_timeline import MEASURES
+from drake_pregrasp.visualization.run_timeline import MEASURES
 
 OUT = "runs"
 """Default folder of run folders."""

@@ -19,8 +19,8 @@ from pydrake.systems.sensors import CameraInfo, PixelType, RgbdSensor
 
 from drake_pregrasp.config.camera_config import CameraConfig, DepthSensorConfig
 from drake_pregrasp.diagrams.wiring import connect, export_inputs, export_outputs
-from drake_pregrasp.systems.drawing import camera_pose
 from drake_pregrasp.systems.object_points import ObjectPoints
+from drake_pregrasp.visualization.drawing import camera_pose
 
 _RENDERER = "depth_cameras"
 _NEAREST, _FARTHEST = 0.05, 5.0  # Depths that a camera sees, in metres.

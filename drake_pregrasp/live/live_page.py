@@ -23,7 +23,7 @@ from drake_pregrasp.live.live_controls import LiveControls
 from drake_pregrasp.live.live_run import LiveRun
 from drake_pregrasp.simulation.recording import start_meshcat
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
-from drake_pregrasp.systems.run_timeline import OVERLAY
+from drake_pregrasp.visualization.run_timeline import OVERLAY
 
 # Meshcat's server is on this machine: a proxy of the environment does not reach it.
 _open = urllib.request.build_opener(urllib.request.ProxyHandler({})).open

@@ -23,7 +23,7 @@ from drake_pregrasp.resources import resolve_path
 from drake_pregrasp.simulation.hand_file import check_model_files, hand_data, load_hand, made_hand
 from drake_pregrasp.simulation.recording import start_meshcat
 from drake_pregrasp.simulation.schema_check import mapping_problems
-from drake_pregrasp.systems.drawing import contact_color
+from drake_pregrasp.visualization.drawing import contact_color
 
 _CAMERA = (0.35, -0.45, 0.25)  # Place of the camera relative to the object, in metres.
 _PALE = 0.2  # Opacity of a reach.

@@ -23,8 +23,8 @@ from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.errors import OutputError
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
-from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
-from drake_pregrasp.systems.run_timeline import RunTimeline
+from drake_pregrasp.visualization.pregrasp_visualizer import PregraspVisualizer
+from drake_pregrasp.visualization.run_timeline import RunTimeline
 
 # Bright from all sides, so that the regions' colours are distinct on every face, and a little
 # brighter from above, so that hollows and edges are visible.

@@ -35,8 +35,8 @@ from drake_pregrasp.simulation.scenario_check import check_recording
 from drake_pregrasp.simulation.scenario_file import dump_scenario, resolve
 from drake_pregrasp.simulation.simulation_diagram import make_diagram, make_simulator
 from drake_pregrasp.simulation.summary import plot_metrics, summarize, summarize_grasp
-from drake_pregrasp.systems.drawing import contact_color
 from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
+from drake_pregrasp.visualization.drawing import contact_color
 
 MCAP_FILE = "run.mcap"
 """Name of the log for Foxglove, which is made on demand."""

@@ -24,10 +24,10 @@ from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import resolve
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor
 from drake_pregrasp.systems.loggers import GraspLogger, GraspRecord, TickLogger, TickRecord
-from drake_pregrasp.systems.obstacle_visualizer import ObstacleVisualizer
-from drake_pregrasp.systems.point_visualizer import PointVisualizer
 from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
 from drake_pregrasp.systems.sources import CloseCommand, ContactWeights, HandPose, MovingObstacles
+from drake_pregrasp.visualization.obstacle_visualizer import ObstacleVisualizer
+from drake_pregrasp.visualization.point_visualizer import PointVisualizer
 
 
 def make_diagram(

@@ -36,8 +36,8 @@ from drake_pregrasp.simulation.run_log import GraspLog, RunLog
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.link_contacts import TOUCHED
 from drake_pregrasp.systems.loggers import TickRecord
-from drake_pregrasp.systems.run_timeline import MEASURES
 from drake_pregrasp.version import __version__
+from drake_pregrasp.visualization.run_timeline import MEASURES
 
 MARGINS = (
     "force_closure_margin",

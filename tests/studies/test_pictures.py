@@ -13,7 +13,7 @@ from drake_pregrasp.studies.gallery import gallery, pictures
 from drake_pregrasp.studies.gallery.film import film_scenario
 from drake_pregrasp.studies.gallery.gallery import FRAME_TIME, film_grasp, make_gallery
 from drake_pregrasp.studies.gallery.pictures import WHITE, Light
-from drake_pregrasp.systems.drawing import camera_pose
+from drake_pregrasp.visualization.drawing import camera_pose
 
 FORWARD = [0.0, 0.0, 1.0]
 MIDDLE, CORNER = (10, 10), (0, 0)

@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform
 
 from drake_pregrasp import CatchLimit, ContactStatus, GiveUp, GraspPhase, TrackingStatus
 from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
-from drake_pregrasp.systems.run_timeline import RunTimeline
+from drake_pregrasp.visualization.run_timeline import RunTimeline
 
 
 def tick(time, statuses=(1, 1), causes=(-1, -1), tracking=TrackingStatus.TRACKING):

@@ -12,9 +12,9 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from drake_pregrasp import BallSolid, BoxSolid, ContactStatus, HalfSpace, Obstacles, box_surface
 from drake_pregrasp.contacts.selection_input import describe_status
 from drake_pregrasp.grasping.interception import CatchLimit
-from drake_pregrasp.systems import obstacle_visualizer, pregrasp_visualizer
-from drake_pregrasp.systems.obstacle_visualizer import ObstacleVisualizer
-from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
+from drake_pregrasp.visualization import obstacle_visualizer, pregrasp_visualizer
+from drake_pregrasp.visualization.obstacle_visualizer import ObstacleVisualizer
+from drake_pregrasp.visualization.pregrasp_visualizer import PregraspVisualizer
 
 PREGRASP = pregrasp_visualizer.ROOT
 TILT = RollPitchYaw(0.1, 0.2, 0.3).ToRotationMatrix().matrix()

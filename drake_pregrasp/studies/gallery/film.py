@@ -19,10 +19,10 @@ from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.studies.gallery import pictures
 from drake_pregrasp.studies.gallery.pictures import ByteArray, Light
-from drake_pregrasp.systems.drawing import VOLUME_COLOR, camera_pose, drawn_solid
 from drake_pregrasp.systems.loggers import GraspRecord
-from drake_pregrasp.systems.pregrasp_visualizer import GHOST_COLOR, are_apart
-from drake_pregrasp.systems.run_timeline import RunTimeline
+from drake_pregrasp.visualization.drawing import VOLUME_COLOR, camera_pose, drawn_solid
+from drake_pregrasp.visualization.pregrasp_visualizer import GHOST_COLOR, are_apart
+from drake_pregrasp.visualization.run_timeline import RunTimeline
 
 _CAMERA = pictures.color_camera((400, 400), 0.46)
 _WIDE_CAMERA = pictures.color_camera((400, 400), 1.31)  # The vertical field of view of Meshcat.

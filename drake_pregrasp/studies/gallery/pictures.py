@@ -31,7 +31,7 @@ from pydrake.systems.sensors import CameraInfo
 from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.geometry.solids import Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.systems.drawing import (
+from drake_pregrasp.visualization.drawing import (
     BODY_COLOR,
     VOLUME_COLOR,
     camera_pose,

@@ -13,7 +13,7 @@ from drake_pregrasp.quality.grasp_quality import grasp_quality
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.studies.paper.paper_cases import SCENARIOS, SPACINGS, TABLE_2, TABLE_3
-from drake_pregrasp.systems.run_timeline import MEASURES
+from drake_pregrasp.visualization.run_timeline import MEASURES
 
 STRATEGY_CASES = {"gii": "i", "msv": "h", "vew": "j", "position": "a"}
 """Case of each strategy, from the most to the least active in the paper's ranking."""

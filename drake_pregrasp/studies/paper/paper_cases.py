@@ -18,7 +18,7 @@ from drake_pregrasp.simulation.run_log import last_phase, static_phase, ticks_fr
 from drake_pregrasp.simulation.scenario_file import load_resolved, load_scenario, read_mapping
 from drake_pregrasp.simulation.summary import remaining_static_quality
 from drake_pregrasp.studies.runner import OnProgress, run_jobs
-from drake_pregrasp.systems.run_timeline import MEASURES
+from drake_pregrasp.visualization.run_timeline import MEASURES
 
 TRAVEL_TIME = 1.5
 """Time in seconds within which contacts reach a fixed point or a limit cycle."""

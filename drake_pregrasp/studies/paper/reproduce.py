@@ -26,7 +26,7 @@ from drake_pregrasp.studies.report_page import (
     write_report,
 )
 from drake_pregrasp.studies.runner import OnProgress
-from drake_pregrasp.systems.run_timeline import MEASURES
+from drake_pregrasp.visualization.run_timeline import MEASURES
 
 SEEDS = tuple(range(10))
 """Default seeds of each case."""

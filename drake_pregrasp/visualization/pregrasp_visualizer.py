@@ -12,8 +12,8 @@ from drake_pregrasp.geometry.sampling import lifted, unit_normals
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.interception import CatchLimit
 from drake_pregrasp.regions.safe_regions import NO_REGION, SafeRegions
-from drake_pregrasp.systems.drawing import contact_color, linear_rgb, region_color
 from drake_pregrasp.systems.ports import POSE, REGIONS
+from drake_pregrasp.visualization.drawing import contact_color, linear_rgb, region_color
 
 ROOT = "/drake/pregrasp"
 """Meshcat path under which everything is drawn."""

@@ -7,8 +7,8 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from drake_pregrasp.geometry.solids import Solid
 from drake_pregrasp.regions.constraints import Obstacles
-from drake_pregrasp.systems.drawing import VOLUME_COLOR, drawn_solid
 from drake_pregrasp.systems.ports import OBSTACLES
+from drake_pregrasp.visualization.drawing import VOLUME_COLOR, drawn_solid
 
 ROOT = "/drake/obstacles"
 """Meshcat path under which obstacles are drawn."""
