@@ -37,17 +37,11 @@ ELSEWHERE = {
     "foxglove.PointCloud",
     "foxglove.PoseInFrame",
     "foxglove.SceneUpdate",
-    "grasp_qpos",
     "hardware_sim",
     "lcm_buses",
     "live.py",
     "model_drivers",
     "my_goals.py",
-    "obj_path",
-    "obj_pose",
-    "obj_scale",
-    "pregrasp_qpos",
-    "squeeze_qpos",
 }
 """Names of other programs, of files that a page tells the reader to write, columns and arrays."""
 DATA = r"(csv|dot|html|json|jsonl|mcap|md|npz|obj|png|svg|urdf|xml|yaml)"
