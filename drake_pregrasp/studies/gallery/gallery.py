@@ -51,10 +51,10 @@ def make_gallery(out: str | Path, *, on_progress: OnProgress = lambda done, tota
     run_jobs(draw, jobs, on_progress=on_progress)
     parts: list[Part] = [
         "    .venv/bin/drake-pregrasp gallery",
-        "This command makes the pictures. Each row shows a scenario at its start, half-way and at"
-        " its end, from a camera that is fixed in the world. A region has the colour of its"
-        " contact; grey surface is in no region. Brown obstacles are bodies, translucent ones are"
-        " no-touch volumes. `drake-pregrasp run NAME` makes a recording.",
+        "This command makes the pictures. Each shows a scenario at its start, half-way and at its"
+        " end. A region has the colour of its contact; grey surface is in no region. Brown"
+        " obstacles are bodies, translucent ones are no-touch volumes. `drake-pregrasp run NAME`"
+        " makes a recording, and `drake-pregrasp grasps` makes pictures and films of the hands.",
     ]
     for stem, title in _TITLES.items():
         parts.append(Heading(title))
