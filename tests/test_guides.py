@@ -104,7 +104,7 @@ def test_the_guide_to_meshes_is_followed_as_it_stands():
 
 
 def test_the_strong_finger_owns_what_asks_for_much():
-    names = executed("more_coordinates.md", block("more_coordinates.md", "python"))
+    names = executed("extensions.md", block("extensions.md", "python"))
     weak, strong = names["heights"]
     assert strong > weak + 0.02
 
