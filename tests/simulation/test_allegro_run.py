@@ -168,10 +168,12 @@ def outcome(size, folder, more=QUIET):
     ],
 )
 def test_boxes_of_all_sizes_within_the_opening_are_held(allegro_panda, tmp_path, size):
-    grasp = outcome(size, tmp_path)
-    assert (grasp["phase"], grasp["gave_up"]) == ("hold", None)
+    shaken = f"{QUIET}, grasp: {{shake: true}}, simulation_duration: 21.0"
+    grasp = outcome(size, tmp_path, shaken)
+    assert grasp["held"]
     assert grasp["lift_height_mm"] > 95
     assert grasp["moved_closing_mm"] < 1.0
+    assert grasp["turned_shake_deg"] < 3  # The squeeze turns a box between soft drives farther.
     assert max(grasp["tip_forces"]) < 12.0
 
 
