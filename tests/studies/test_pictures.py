@@ -112,5 +112,5 @@ def test_the_gallery_shows_a_picture_of_each_scenario(tmp_path, monkeypatch):
     shown = {name: own for name, own in gallery.shipped_scenarios().items() if name == "box"}
     monkeypatch.setattr(gallery, "shipped_scenarios", lambda: shown)
     text = make_gallery(tmp_path).read_text()
-    assert (tmp_path / "gallery" / "box.png").stat().st_size > 10_000
-    assert f"### `box`: {shown['box'][1]}\n\n![box](gallery/box.png)" in text
+    assert (tmp_path / "box.png").stat().st_size > 10_000
+    assert f"### `box`: {shown['box'][1]}\n\n![box](box.png)" in text

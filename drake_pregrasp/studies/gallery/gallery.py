@@ -40,14 +40,14 @@ def make_gallery(out: str | Path, *, on_progress: OnProgress = lambda done, tota
     """Runs the scenarios, draws them, and returns the path of the page.
 
     Args:
-        out: Folder of the page; the pictures go into its folder `gallery`.
+        out: Folder of the page and the pictures, `NAME.png`.
         on_progress: Called with the number of finished runs and the number of all runs.
     """
     folder = Path(out)
-    make_folder(folder / "gallery")
+    make_folder(folder)
     shipped = shipped_scenarios()
     jobs = [{"name": name} for name, (file, _) in shipped.items() if file.stem in _TITLES]
-    draw = functools.partial(_draw, folder=folder / "gallery")
+    draw = functools.partial(_draw, folder=folder)
     run_jobs(draw, jobs, on_progress=on_progress)
     parts: list[Part] = [
         "    .venv/bin/drake-pregrasp gallery",
@@ -60,7 +60,7 @@ def make_gallery(out: str | Path, *, on_progress: OnProgress = lambda done, tota
         parts.append(Heading(title))
         for name, (file, description) in shipped.items():
             if file.stem == stem:
-                picture = f"![{name}](gallery/{name}.png)"
+                picture = f"![{name}]({name}.png)"
                 parts += [Heading(f"`{name}`: {description}", 3), picture]
     return write_report(folder, "Gallery", parts, name="gallery", formats=("md",))
 
