@@ -174,9 +174,8 @@ class LiveControls:
             "next strategy": run.next_strategy,
             "object: hide / show": run.switch_sight,
         }
-        for contact in range(run.num_contacts):
-            label = f"finger {contact}: lose / give back"
-            self._buttons[label] = partial(run.switch_finger, contact)
+        for contact, name in enumerate(run.timeline.finger_names):
+            self._buttons[f"{name}: lose / give back"] = partial(run.switch_finger, contact)
         if not isinstance(scenario.motion, PoseStream):  # A replayed object goes on its way.
             self._buttons["object: nudge"] = run.nudge
         if isinstance(scenario.motion, Toss):

@@ -84,11 +84,6 @@ class LiveRun:
         self._start()
 
     @property
-    def num_contacts(self) -> int:
-        """Number of contacts."""
-        return self._resolved.num_contacts
-
-    @property
     def time(self) -> float:
         """Simulated time, in seconds."""
         return float(self._simulator.get_context().get_time())
@@ -169,7 +164,8 @@ class LiveRun:
             damage.append(DamageEvent(at=self.time, contacts=[contact]))
         self.change(lambda scenario: setattr(scenario, "damage", damage))
         if self.timeline.has_closed:
-            self.timeline.tell(f"a hand that has closed keeps finger {contact} where it is")
+            name = self.timeline.finger_names[contact]
+            self.timeline.tell(f"a hand that has closed keeps {name} where it is")
 
     def switch_sight(self) -> None:
         """Hides the object from the sensor, or shows it again."""

@@ -55,6 +55,7 @@ class RunTimeline:
         states: Present texts by the names of their rows: `0` to `n - 1` for contacts, `object`,
             `hand`, `meeting` if a hand waits, and the names of measures.
         has_closed: Whether a hand closes on the object, or holds it, at present.
+        finger_names: Name of each finger, with the frame of its fingertip if a hand has it.
     """
 
     def __init__(
@@ -72,7 +73,7 @@ class RunTimeline:
         self._title, self._obstacle_names = title, dict(obstacle_names or {})
         self._camera = dict(camera or {})
         frames = [f" ({frame})" for frame in fingertips] or num_contacts * [""]
-        self._names = [f"finger {i}{frame}" for i, frame in enumerate(frames)]
+        self.finger_names = [f"finger {i}{frame}" for i, frame in enumerate(frames)]
         self._colors = [hex_color(contact_color(i)) for i in range(num_contacts)]
         self._static_end, self._time, self._was_tracked = static_end, 0.0, False
         self._kinds: list[float] = [ContactStatus.INACTIVE] * num_contacts
@@ -103,7 +104,7 @@ class RunTimeline:
             self._set(str(contact), words)
             if was_active != is_active and time > 0:
                 news = "has a goal again" if is_active else words
-                name = self._names[contact]
+                name = self.finger_names[contact]
                 self.tell(f"{name} {news}" if kind != 0 else f"{name}: {news}")
 
     def add_grasp(self, record: GraspRecord) -> None:
@@ -141,7 +142,7 @@ class RunTimeline:
         return self._page() | {"changes": changes, "events": self._events[-8:]}
 
     def _page(self) -> dict[str, Any]:
-        texts = {"title": self._title, "names": self._names, "colors": self._colors}
+        texts = {"title": self._title, "names": self.finger_names, "colors": self._colors}
         return texts | {"time": self._time, "camera": self._camera}
 
     def added_to(self, page: str) -> str:

@@ -136,15 +136,17 @@ def test_the_place_of_a_recording_is_told_to_the_terminal(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_hand_that_has_closed_says_that_it_keeps_its_fingers():
+def test_a_hand_that_has_closed_says_that_it_keeps_its_fingers(tmp_path):
     scenario = load_resolved("grasp_five_finger", text="{planner: {static_duration: 0.1}}")
-    run = LiveRun(scenario, name="grasp", meshcat=start_meshcat(live=True))
+    run = LiveRun(scenario, name="grasp", meshcat=(meshcat := start_meshcat(live=True)))
+    LiveControls(run, meshcat, out=tmp_path)
+    assert meshcat.GetButtonClicks("finger 4 (finger_4_tip): lose / give back") == 0
     run.advance()
     for has_closed in (False, True):
         run.timeline.has_closed = has_closed
         run.switch_finger(0)
         texts = [text for _, text in run.timeline.data()["events"]]
-        assert any("keeps finger 0" in text for text in texts) == has_closed
+        assert any("keeps finger 0 (finger_0_tip)" in text for text in texts) == has_closed
 
 
 def test_a_run_goes_on_after_a_refused_change():
