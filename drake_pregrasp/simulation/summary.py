@@ -113,13 +113,14 @@ def summarize_grasp(resolved: ResolvedScenario, log: GraspLog) -> dict[str, Any]
     - `link_forces`: largest force with which a link that is no fingertip touched the object, the
       surroundings, and another finger, in newtons.
     - `phase`, `gave_up`: phase at the end, and reason why the hand opened again, or null.
-    - `met_at`: time in seconds at which the hand met the object, or null.
+    - `met_at`: time in seconds at which a hand that waits (`grasp.meeting.wait_at`) met the object,
+      or null.
     - `cannot_meet`: reason why it could not meet the object at the end, or null.
     - `palm_from`: unit vector in W from the object towards the palm.
     """
     scenario = resolved.scenario
-    names = ("time", "phase", "phase_since", "gave_up", "gave_up_detail")
-    time, phase, since, reason, detail = log.read(*names)
+    names = ("time", "phase", "phase_since", "gave_up", "gave_up_detail", "catch_limit")
+    time, phase, since, reason, detail, limit = log.read(*names)
     if not len(time):
         return {"phase": None, "gave_up": None}
     tips, goals, forces = (log.read_points(kind) for kind in ("tip", "goal", "force"))
@@ -129,6 +130,8 @@ def summarize_grasp(resolved: ResolvedScenario, log: GraspLog) -> dict[str, Any]
     carried = seen_from(hand_poses, tips)
     errors = 1e3 * np.linalg.norm(carried - _shifted(time, goals, lead), axis=2)
     tracking = (phase <= GraspPhase.TRACK) & (time > SETTLED)
+    is_there = np.isin(phase, (GraspPhase.TRACK, GraspPhase.CLOSE))
+    approaches = phase[-1] == GraspPhase.APPROACH
     lifting = np.flatnonzero(phase == GraspPhase.LIFT)
     lifted = (
         object_poses[lifting[0] if len(lifting) else len(time) :, :3] @ scenario.grasp.lift_axis
@@ -151,17 +154,9 @@ def summarize_grasp(resolved: ResolvedScenario, log: GraspLog) -> dict[str, Any]
         "link_forces": {
             touched: float(np.max(log.read(f"link_force_{touched}"))) for touched in TOUCHED
         },
-        **_meeting(time, phase, int(log.read("catch_limit")[0][-1])),
+        "met_at": _reduced(np.min, time[is_there]) if scenario.grasp.meeting.wait_at else None,
+        "cannot_meet": describe_catch_limit(int(limit[-1])) if approaches else None,
         "palm_from": None if hand is None else hand.X_LA.rotation().matrix()[:, 2].tolist(),
-    }
-
-
-def _meeting(time: FloatArray, phase: FloatArray, limit: int) -> dict[str, Any]:
-    is_there = np.isin(phase, (GraspPhase.TRACK, GraspPhase.CLOSE))
-    approaches = phase[-1] == GraspPhase.APPROACH
-    return {
-        "met_at": _reduced(np.min, time[is_there]),
-        "cannot_meet": describe_catch_limit(limit) if approaches else None,
     }
 
 

@@ -41,7 +41,7 @@ def fast_run(allegro_panda, tmp_path_factory):
 
 def test_it_follows_lifts_and_holds(fast_run):
     grasp = fast_run.summary["grasp"]
-    assert (grasp["phase"], grasp["gave_up"]) == ("hold", None)
+    assert (grasp["phase"], grasp["gave_up"], grasp["met_at"]) == ("hold", None, None)
     assert grasp["tracking_error_mean_mm"] < 0.2
     assert 97 < grasp["lift_height_mm"] < 101
     assert max(grasp["moved_lift_mm"], grasp["moved_hold_mm"]) < 1.5  # Drives yield to the weight.
