@@ -4,6 +4,9 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+import numpy as np
+
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.object_config import POINT, zeros
 
 _ASIDE = 1e-3  # Least horizontal distance of a camera from its target, in metres.
@@ -32,6 +35,27 @@ class CameraConfig:
     field_of_view: float = field(
         default=0.8, metadata={"at_least": 0.05, "at_most": math.radians(120)}
     )
+
+    @property
+    def corner_angle(self) -> float:
+        """Angle between the middle and a corner of the picture, in radians."""
+        half_height = math.tan(self.field_of_view / 2)
+        return math.atan(half_height * math.hypot(1, self.width / self.height))
+
+    def angles_to(self, p_WB: FloatArray, radius: float) -> FloatArray:
+        """Returns angles from the middle of the picture to balls, shape (k,), in radians.
+
+        They are negative for balls that cover the middle.
+
+        Args:
+            p_WB: Centres of the balls in W, shape (k, 3), in metres.
+            radius: Their radius, in metres.
+        """
+        ahead, rays = np.subtract(self.target, self.position), p_WB - self.position
+        across, away = (np.linalg.norm(v, axis=1) for v in (np.cross(rays, ahead), rays))
+        centers = np.arctan2(across, rays @ ahead)
+        angles: FloatArray = centers - np.arcsin(np.minimum(radius / away, 1.0))
+        return angles
 
 
 @dataclass
@@ -74,3 +98,24 @@ def camera_problems(config: DepthSensorConfig) -> Iterator[tuple[str, str]]:
         if math.dist(camera.position[:2], camera.target[:2]) < _ASIDE:
             problem = f"{camera.target} is straight above or below position {camera.position}"
             yield f"cameras[{index}].target", f"{problem}; move it aside by 1 mm at least"
+
+
+def sight_problems(
+    config: DepthSensorConfig, p_WO: FloatArray, radius: float
+) -> Iterator[tuple[str, str]]:
+    """Yields the key and the problem, in one line, of each camera that never sees the object.
+
+    Args:
+        config: Cameras that look somewhere.
+        p_WO: Expected path of the middle of the object in W, shape (k, 3), in metres.
+        radius: Radius of a ball around the object, in metres.
+    """
+    start = [round(x, 3) for x in p_WO[0].tolist()]
+    for index, camera in enumerate(config.cameras):
+        off, most = np.degrees([np.min(camera.angles_to(p_WO, radius)), camera.corner_angle])
+        if off > most:
+            yield (
+                f"cameras[{index}].target",
+                f"{camera.target}: from {camera.position}, the object stays {off:.3g}° off the"
+                f" middle of the picture, which ends at {most:.3g}°; the object starts at {start}",
+            )

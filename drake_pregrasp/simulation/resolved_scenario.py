@@ -53,6 +53,7 @@ from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 from drake_pregrasp.systems.sources import MovingSolid
 
 _TOSS_STEP = 0.001  # Longest default time step for a tossed object, in seconds.
+_SUNK = 1e-3  # Depth in the table at which an object may be waited for, in metres.
 _STEP_LENGTH = 5e-4  # Largest distance that a pusher moves in a default time step, in metres.
 
 
@@ -187,6 +188,7 @@ def _resolved(scenario: Scenario, keep: ResolvedScenario | None) -> ResolvedScen
         planner = start_grasp.hand_planner(planner, scenario.grasp, model.description)
         _check_base(scenario, model, start.p_OC, shape)
     raise_first(scenario_check.obstacle_problems(scenario, shape))
+    raise_first(scenario_check.unseen_problems(scenario, shape))
     raise_first(scenario_check.limit_problems(scenario, planner.limits, count, surface))
     if model is not None:
         with errors_at("object"):
@@ -205,6 +207,13 @@ def _waiting_pose(scenario: Scenario, shape: Shape, X_WO: RigidTransform) -> Rig
     """Returns the pose of an object over which the hand starts, turned as the object at X_WO."""
     if not (place := scenario.grasp.meeting.wait_at):
         return X_WO
+    p_LV = (shape.mesh.vertices - shape.p_OCoM) @ X_WO.rotation().matrix().T
+    if place[2] < (least := -float(np.min(p_LV[:, 2]))) - _SUNK:
+        problem = (
+            f"{place} is {place[2]:g} m over the table, and must be at least {least:.3g} m, so"
+        )
+        problem += " that an object with its centre of mass there is not inside of the table"
+        raise ScenarioError("", "grasp.meeting.wait_at", problem)
     return RigidTransform(X_WO.rotation(), place - X_WO.rotation() @ shape.p_OCoM)
 
 

@@ -128,6 +128,14 @@ def test_a_cube_is_held_for_ten_seconds_and_through_a_shake(tmp_path):
 
 
 @pytest.mark.slow
+def test_a_hand_that_waits_says_when_it_has_met_the_object(tmp_path):
+    waits = "wait_at: [0.02, 0.0, 0.06], earliest: 0.6"
+    text = f"grasp: {{close_at: 100.0, meeting: {{{waits}}}}}, simulation_duration: 2.0"
+    grasp = run_text(NAME, f"motion: {{}}, {text}", tmp_path).summary["grasp"]
+    assert 0.6 < grasp["met_at"] < 2.0
+
+
+@pytest.mark.slow
 def test_a_context_can_be_cloned_in_the_middle_of_a_run():
     scenario = load_scenario(NAME)
     diagram = make_diagram(scenario)
