@@ -1,9 +1,11 @@
 """Paths of the package's and of users' files, and bounded reading."""
 
 import atexit
+import contextlib
 import dataclasses
-import functools
+import hashlib
 import importlib.util
+import multiprocessing
 import os
 import shutil
 import tempfile
@@ -209,14 +211,21 @@ def _absolute(
     return str(path)
 
 
-@functools.cache
-def copies_folder() -> str:
-    """Returns a folder for copies that is removed when this process ends, not when a fork does."""
-    folder = tempfile.mkdtemp(prefix="drake_pregrasp-")
-    atexit.register(_remove, folder, os.getpid())
+def copies_folder() -> Path:
+    """Returns this process's folder for copies, which is removed when the process ends.
+
+    It is the same in each call. Its name is derived from a secret key of the process, so nobody
+    else can make it before. A fork has a folder of its own.
+    """
+    owner = os.getpid()
+    digest = hashlib.sha256(multiprocessing.current_process().authkey + b"%d" % owner)
+    folder = Path(tempfile.gettempdir()) / f"drake_pregrasp-{digest.hexdigest()[:16]}"
+    with contextlib.suppress(FileExistsError):
+        folder.mkdir(mode=0o700)
+        atexit.register(_remove, folder, owner)
     return folder
 
 
-def _remove(folder: str, owner: int) -> None:
-    if os.getpid() == owner:
+def _remove(folder: Path, owner: int) -> None:
+    if os.getpid() == owner:  # Forks inherit what is registered.
         shutil.rmtree(folder, ignore_errors=True)

@@ -353,7 +353,7 @@ class _Copier:
         content = b"".join(
             file.name.encode() + file.read_bytes() for file in files if file.is_file()
         )
-        written = Path(copies_folder()) / hashlib.sha256(content).hexdigest() / "mesh.obj"
+        written = copies_folder() / hashlib.sha256(content).hexdigest() / "mesh.obj"
         if not written.is_file():
             written.parent.mkdir(exist_ok=True)
             write_obj(pieces, written)
@@ -380,7 +380,7 @@ class _Copier:
 def written_copy(copy: CheckedModel) -> Path:
     """Writes a copy to a file, which is removed when this process ends, and returns its path."""
     name = hashlib.sha256(copy.text.encode()).hexdigest()
-    path = Path(copies_folder()) / f"{name}.{copy.kind}"
+    path = copies_folder() / f"{name}.{copy.kind}"
     if not path.exists():
         path.write_text(copy.text, encoding="utf-8")
     return path

@@ -1,6 +1,5 @@
 """Versions and a digest of the source code, which identify the code that made a study's rows."""
 
-import functools
 import hashlib
 import importlib
 import importlib.metadata
@@ -25,7 +24,6 @@ def digest_files(files: Iterable[Path]) -> str:
     return digest.hexdigest()[:16]
 
 
-@functools.cache
 def package_digest(*modules: str) -> dict[str, str]:
     """Returns the versions of this package and its libraries, and a digest of the source.
 

@@ -123,7 +123,7 @@ SDF = """<sdf version="1.9"><model name="hand"><link name="palm"><collision name
 def test_folders_may_have_spaces_and_percent_signs(tmp_path, monkeypatch, kind, text):
     (copies := tmp_path / "my%20 copies").mkdir()
     (own := tmp_path / "my models").mkdir()
-    monkeypatch.setattr(model_files, "copies_folder", lambda: str(copies))
+    monkeypatch.setattr(model_files, "copies_folder", lambda: copies)
     write(own, text, f"own.{kind}")
     directives = f"directives: [add_model: {{name: hand, file: own.{kind}}}]"
     (own / "own.dmd.yaml").write_text(directives)
