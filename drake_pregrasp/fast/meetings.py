@@ -86,6 +86,33 @@ def path_shares(d0, d1, d2, x, v, a, T, low, high, speed_limit, acceleration_lim
 
 
 @compiled()
+def clear_time(d0, d1, d2, T, height):  # type: ignore[no-untyped-def]
+    """Returns until when a quintic to zero stays above a height, as `clear_times`.
+
+    Args:
+        d0: Value at the start, in metres.
+        d1: Its rate, in m/s.
+        d2: Its acceleration, in m/s².
+        T: Duration of the quintic, in seconds.
+        height: The height, in metres, above 0.
+    """
+    c0, c1, c2 = d0, d1 * T, d2 * T * T
+    bend = snap = 0.0
+    for i in range(SAMPLES + 1):
+        bend = max(bend, abs(c0 * _B2[0, i] + c1 * _B2[1, i] + c2 * _B2[2, i]))
+    for i in range(2):
+        snap = max(snap, abs(c0 * SNAP_ENDS[0, i] + c1 * SNAP_ENDS[1, i] + c2 * SNAP_ENDS[2, i]))
+    least = height + FINENESS * (bend + FINENESS * snap)
+    before = 0.0
+    for i in range(SAMPLES + 1):
+        room = c0 * _B0[0, i] + c1 * _B0[1, i] + c2 * _B0[2, i] - least
+        if room < 0:
+            return T / SAMPLES * (i - 1 + before / (before - room)) if i else -T / SAMPLES
+        before = room
+    return T
+
+
+@compiled()
 def room_at(x, v, a, t, lower, upper):  # type: ignore[no-untyped-def]
     """Returns the least distance of the object after a time from the limits, in metres.
 
@@ -197,7 +224,7 @@ def cheapest_path(  # type: ignore[no-untyped-def]
         cost: Result of `write_possible`, shape (times,).
         row: Row of the present plan, -1 without one.
         column: Its column.
-        shares: Scratch, shape (times, 1 + number of heights, 2).
+        shares: Scratch, shape (times, 2 + number of heights, 2).
 
     Returns:
         Row and column as for the reference; 1 if speed exceeds its limit more than
@@ -207,40 +234,42 @@ def cheapest_path(  # type: ignore[no-untyped-def]
     best, best_row, best_column = np.inf, 0, 0
     least, is_slow = np.inf, 0
     for k in range(len(tau)):
-        T, speed_share, acceleration_share = tau[k], 0.0, 0.0
-        for axis in range(2):
-            f, h = path_shares(
-                *(offset[0, axis], offset[1, axis], offset[2, axis], x[axis], v[axis], a[axis], T),
-                *(lower[axis], upper[axis], speed[axis], acceleration[axis]),
-            )
-            speed_share, acceleration_share = max(speed_share, f), max(acceleration_share, h)
-        for j in range(1 + _NUM_RISES):
-            up = height + RISES[j - 1] if j else 0.0
-            f, h = path_shares(
-                *(offset[0, 2] - up, offset[1, 2], offset[2, 2], x[2] + up, v[2], a[2], T),
-                *(lower[2], upper[2], speed[2], acceleration[2]),
-            )
-            shares[k, j, 0], shares[k, j, 1] = max(speed_share, f), max(acceleration_share, h)
+        T = tau[k]
+        for j in range(2 + _NUM_RISES):  # Sideways, directly, and to each height.
+            shares[k, j, 0] = shares[k, j, 1] = 0.0
+            up = height + RISES[j - 2] if j > 1 else 0.0
+            for axis in range(3):
+                if (axis == 2) != (j > 0):
+                    continue
+                f, h = path_shares(
+                    *(offset[0, axis] - up, offset[1, axis], offset[2, axis]),
+                    *(x[axis] + up, v[axis], a[axis], T),
+                    *(lower[axis], upper[axis], speed[axis], acceleration[axis]),
+                )
+                shares[k, j, 0], shares[k, j, 1] = max(shares[k, j, 0], f), max(shares[k, j, 1], h)
         if cost[k] == np.inf:
             continue
         aside = 0.0
         for axis in range(2):
             aside = max(aside, abs(offset[0, axis]) + T * abs(offset[1, axis]))
-        for c in range(1 + _NUM_DESCENTS * _NUM_RISES):
-            if c == 0:
-                if aside > sideways:
-                    continue
-                speed_share, acceleration_share = shares[k, 0, 0], shares[k, 0, 1]
+        clear = clear_time(offset[0, 2], offset[1, 2], offset[2, 2], T, height)
+        for c in range(1 + _NUM_DESCENTS * (1 + _NUM_RISES)):
+            i, j = (c - 1) // (1 + _NUM_RISES), (c - 1) % (1 + _NUM_RISES)
+            begun = k - _STEPS[i] if c else k
+            if begun < 0 or (c == 0 and aside > sideways) or (c and j == 0 and tau[begun] > clear):
+                continue
+            if c == 0 or j == 0:
+                speed_share, acceleration_share = shares[k, 1, 0], shares[k, 1, 1]
             else:
-                i, j = (c - 1) // _NUM_RISES, 1 + (c - 1) % _NUM_RISES
-                begun = k - _STEPS[i]
-                if begun < 0:
-                    continue
                 up, down = height + RISES[j - 1], step * _STEPS[i]
                 rate = max(abs(v[2] + tau[begun] * a[2]), abs(v[2] + T * a[2]))
-                speed_share = max(shares[begun, j, 0], (rate + PEAK_SPEED * up / down) / speed[2])
-                own = (abs(a[2]) + PEAK_ACCELERATION * up / (down * down)) / acceleration[2]
-                acceleration_share = max(shares[begun, j, 1], own)
+                speed_share = (rate + PEAK_SPEED * up / down) / speed[2]
+                acceleration_share = abs(a[2]) + PEAK_ACCELERATION * up / (down * down)
+                acceleration_share /= acceleration[2]
+                speed_share = max(speed_share, shares[begun, 1 + j, 0])
+                acceleration_share = max(acceleration_share, shares[begun, 1 + j, 1])
+            speed_share = max(speed_share, shares[begun, 0, 0])
+            acceleration_share = max(acceleration_share, shares[begun, 0, 1])
             worst = max(speed_share, acceleration_share)
             if worst < least:
                 least, is_slow = worst, 1 if speed_share >= acceleration_share else 0
@@ -274,7 +303,7 @@ def compiled_choose_meeting(
     if not passed.all():
         return no_meeting(CHECKS[int(np.argmin(passed != 0))])
     place = place_of(kept, now, first, settings) or (-1, -1)
-    scratch = np.empty((NUM_TIMES, 1 + _NUM_RISES, 2))
+    scratch = np.empty((NUM_TIMES, 2 + _NUM_RISES, 2))
     path = step, settings.height, settings.sideways
     row, column, is_slow, least = cheapest_path(
         offset, motion, tau, *path, *bounds, cost, *place, scratch

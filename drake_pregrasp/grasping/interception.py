@@ -13,6 +13,7 @@ from drake_pregrasp.grasping.palm_paths import (
     PEAK_SPEED,
     Meeting,
     PalmLimits,
+    clear_times,
     peaks,
 )
 
@@ -20,7 +21,8 @@ NUM_TIMES = 200
 """Number of meeting times that are compared."""
 
 DESCENTS = np.array([7, 10, 14, 20, 28, 40, 56, 80])
-"""Durations of the descent to the object, as numbers of steps between meeting times."""
+"""Durations for which the palm's axis goes through the object, as numbers of steps between meeting
+times."""
 
 RISES = np.array([0.0, 0.015, 0.03, 0.045, 0.06])
 """Heights above the lowest one at which the palm may be over the object, in metres."""
@@ -115,10 +117,11 @@ class Choice(NamedTuple):
 
     Attributes:
         limit: What prevents every meeting; NONE if one was chosen.
-        over: Time at which the palm is over the object, in seconds; the time of the meeting for a
-            palm that goes there directly; NaN without a meeting.
+        over: Time from which on the palm's axis goes through the object, in seconds; NaN without a
+            meeting.
         time: Time of the meeting, in seconds; NaN without one.
-        height: Height of the palm over its place at `over`, in metres.
+        height: Height of the palm over its place at `over`, in metres; 0 for a palm that goes to
+            the object without a stop over it.
     """
 
     limit: CatchLimit
@@ -232,9 +235,10 @@ def meeting_at(row: int, column: int, first: int, settings: MeetingSettings) -> 
     time = settings.step * (first + row)
     if column == 0:
         return Choice(CatchLimit.NONE, time, time, 0.0)
-    descent, rise = divmod(column - 1, len(RISES))
+    descent, rise = divmod(column - 1, 1 + len(RISES))
     over = settings.step * (first + row - int(DESCENTS[descent]))
-    return Choice(CatchLimit.NONE, over, time, float(settings.height + RISES[rise]))
+    height = float(settings.height + RISES[rise - 1]) if rise else 0.0
+    return Choice(CatchLimit.NONE, over, time, height)
 
 
 def place_of(
@@ -247,7 +251,8 @@ def place_of(
     before = round((kept.time - kept.over) / settings.step)
     if before in DESCENTS and kept.over > now:
         rise = int(np.argmin(np.abs(settings.height + RISES - kept.height)))
-        column = 1 + len(RISES) * int(np.argmax(before == DESCENTS)) + rise
+        rise = 1 + rise if kept.height > 0 else 0
+        column = 1 + (1 + len(RISES)) * int(np.argmax(before == DESCENTS)) + rise
     return (row, column) if 0 <= row < NUM_TIMES else None
 
 
@@ -290,62 +295,56 @@ def _paths(
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Returns shares of the limits on all paths to the object.
 
-    The rows are meeting times. The columns are the direct path, which is for a palm that is over
-    the object already, and then each of the `DESCENTS` from each height.
+    The rows are meeting times. The first column is the path that ends sideways and along the palm's
+    axis together. Then, for each of the `DESCENTS`, come the path that ends sideways so much
+    earlier, while the palm is still clear of the object, and those that stop over it at each
+    height.
 
     Returns:
         Shares of the largest speed, of the largest acceleration, and whether a path leaves the
         travel.
     """
-    limits, step, heights = settings.limits, settings.step, np.append(0.0, settings.height + RISES)
-    over_speed, over_acceleration, is_out = _paths_over(offset, motion, tau, heights, limits)
-    earlier = np.arange(NUM_TIMES)[:, None, None] - DESCENTS[:, None]
-    begun, up, j = np.maximum(earlier, 0), heights[1:], np.arange(1, len(heights))
-    down = step * DESCENTS[:, None]
+    limits, step, heights = settings.limits, settings.step, settings.height + RISES
+    level = [_shares(offset[:, axis], motion[:, axis], tau, axis, limits) for axis in range(2)]
+    direct = _shares(offset[:, 2], motion[:, 2], tau, 2, limits)
+    up = [np.array([height, 0.0, 0.0]) for height in heights]
+    raised = [_shares(offset[:, 2] - h, motion[:, 2] + h, tau, 2, limits) for h in up]
+    sideways, over = np.max(level, axis=0), np.stack(raised, axis=2)
+    earlier = np.arange(NUM_TIMES)[:, None] - DESCENTS
+    begun, down = np.maximum(earlier, 0), step * DESCENTS[:, None]
     rates = np.abs(prediction.v_met[:, 2])  # The largest is at one of the ends of the descent.
-    rates = np.maximum(rates[begun], rates[:, None, None])
-    falls = (rates + PEAK_SPEED * up / down) / limits.speed[2]
-    yields = (np.abs(motion[2, 2]) + PEAK_ACCELERATION * up / down**2) / limits.acceleration[2]
-    speed = np.maximum(over_speed[begun, j], falls).reshape(NUM_TIMES, -1)
-    acceleration = np.maximum(over_acceleration[begun, j], yields).reshape(NUM_TIMES, -1)
-    out = (is_out[begun, j] | (earlier < 0)).reshape(NUM_TIMES, -1)
+    rates = np.maximum(rates[begun], rates[:, None])[:, :, None]
+    falls = (rates + PEAK_SPEED * heights / down) / limits.speed[2]
+    yields = (np.abs(motion[2, 2]) + PEAK_ACCELERATION * heights / down**2) / limits.acceleration[2]
+    stops = np.array([falls, np.broadcast_to(yields, falls.shape), np.zeros(falls.shape)])
+    paths = np.concatenate([direct[:, :, None, None] + 0 * stops[..., :1], stops], axis=3)
+    paths[..., 1:] = np.maximum(paths[..., 1:], over[:, begun])
+    paths = np.maximum(paths, sideways[:, begun][..., None])
+    paths[2] = np.maximum(paths[2], (earlier < 0)[..., None])
+    # A palm that does not stop over the object is on its axis before it is beside the object.
+    clear = clear_times(offset[:, 2], tau, settings.height)
+    paths[2, :, :, 0] = np.maximum(paths[2, :, :, 0], tau[begun] > clear[:, None])
+    first = np.maximum(sideways, direct)
     aside = np.max(np.abs(offset[0, :2]) + tau[:, None] * np.abs(offset[1, :2]), axis=1)
-    directly = is_out[:, 0] | (aside > settings.sideways)
-    return (
-        np.column_stack([over_speed[:, 0], speed]),
-        np.column_stack([over_acceleration[:, 0], acceleration]),
-        np.column_stack([directly, out]),
+    first[2] = np.maximum(first[2], aside > settings.sideways)
+    speed, acceleration, out = np.concatenate(
+        [first[:, :, None], paths.reshape(3, NUM_TIMES, -1)], axis=2
     )
+    return speed, acceleration, out > 0
 
 
-def _paths_over(
-    offset: FloatArray,
-    motion: FloatArray,
-    tau: FloatArray,
-    heights: FloatArray,
-    limits: PalmLimits,
-) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Returns shares of the limits on the paths to places over the object, each (times, heights).
+def _shares(
+    offset: FloatArray, motion: FloatArray, tau: FloatArray, axis: int, limits: PalmLimits
+) -> FloatArray:
+    """Returns shares of the limits of one axis on its paths, shape (3, times).
 
     Returns:
-        Shares of the largest speed, of the largest acceleration, and whether a path leaves the
-        travel.
+        Shares of the largest speed, of the largest acceleration, and 1 if a path leaves the travel.
     """
-    speed, acceleration = np.zeros((2, len(tau), len(heights)))
-    out = np.zeros(speed.shape, dtype=bool)
-    parts = [(axis, 0.0, slice(None)) for axis in range(2)]
-    parts += [(2, height, slice(k, k + 1)) for k, height in enumerate(heights.tolist())]
-    for axis, height, columns in parts:
-        up = np.array([height, 0.0, 0.0])
-        found = peaks(offset[:, axis] - up, motion[:, axis] + up, tau)
-        for shares, peak, limit in (
-            (speed, found.speed, limits.speed[axis]),
-            (acceleration, found.acceleration, limits.acceleration[axis]),
-        ):
-            shares[:, columns] = np.maximum(shares[:, columns], peak[:, None] / limit)
-        beyond = (found.lowest < limits.lower[axis]) | (found.highest > limits.upper[axis])
-        out[:, columns] |= beyond[:, None]
-    return speed, acceleration, out
+    found = peaks(offset, motion, tau)
+    beyond = (found.lowest < limits.lower[axis]) | (found.highest > limits.upper[axis])
+    speed, acceleration = limits.speed[axis], limits.acceleration[axis]
+    return np.array([found.speed / speed, found.acceleration / acceleration, beyond])
 
 
 def _cost_of_times(

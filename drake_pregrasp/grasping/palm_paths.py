@@ -45,12 +45,13 @@ class Meeting:
     """Plan of a palm that meets an object, or that comes to rest.
 
     From `start` on, d(t) is a quintic that ends at `over` with d = (0, 0, height), over the object
-    and at rest relative to it; then a quintic from there to d = 0 at `time`. If `time` is infinite,
-    the palm stays over the object.
+    and at rest relative to it; then a quintic from there to d = 0 at `time`. Without a height it is
+    on the axis of A from `over` on, and along that axis one quintic from `start` to `time`. If
+    `time` is infinite, the palm stays over the object.
 
     Attributes:
         start: Time of the plan, in seconds.
-        over: Time at which the palm is over the object, in seconds.
+        over: Time from which on the palm's axis goes through the object, in seconds.
         time: Time of the meeting, in seconds.
         height: Height of the palm over its place at the object at `over`, in metres.
         offset: Offset of the palm from the object, its velocity and acceleration at `start`, shape
@@ -98,14 +99,18 @@ class Meeting:
     def offset_at(self, time: float) -> FloatArray:
         """Returns the offset, its velocity and acceleration at a time in seconds, shape (3, 3)."""
         high = np.outer([1.0, 0.0, 0.0], [0.0, 0.0, self.height])
-        if time < self.over:
-            start, duration = self.start, self.over - self.start
-            return high + quintic(self.offset - high, time - start, duration)
         if time >= self.time:
             return np.zeros((3, 3))
         if self.time == np.inf:
             return high
-        return quintic(high, time - self.over, self.time - self.over)
+        since, ends, start = time - self.start, self.over - self.start, self.offset - high
+        offset = high + quintic(start, since, ends) if time < self.over else np.zeros((3, 3))
+        if self.height == 0:
+            along = self.offset[:, 2:]
+            offset[:, 2:] = quintic(along, since, self.time - self.start)
+        elif time >= self.over:
+            offset = quintic(high, time - self.over, self.time - self.over)
+        return offset
 
     def object_at(self, time: float) -> FloatArray:
         """Returns the predicted motion of the object at a time in seconds, shape (3, 3)."""
@@ -191,3 +196,22 @@ def peaks(offset: FloatArray, motion: FloatArray, durations: FloatArray) -> Peak
     slack = FINENESS * acceleration * durations**2
     speed = np.max(np.abs(rate), axis=1) + FINENESS * jerk
     return Peaks(speed, acceleration, np.min(place, axis=1) - slack, np.max(place, axis=1) + slack)
+
+
+def clear_times(offset: FloatArray, durations: FloatArray, height: float) -> FloatArray:
+    """Returns until when quintics to zero stay above a height, shape (k,), in seconds.
+
+    They are negative for quintics that start below it. Bounds are as for `peaks`.
+
+    Args:
+        offset: Value, rate and acceleration at the start, shape (3,), in metres.
+        durations: Durations of the quintics, shape (k,), in seconds.
+        height: The height, in metres, above 0.
+    """
+    c = offset * durations[:, None] ** np.arange(3)
+    bend = np.max(np.abs(c @ BASIS[2]), axis=1) + FINENESS * np.max(np.abs(c @ SNAP_ENDS), axis=1)
+    room = c @ BASIS[0] - height - FINENESS * bend[:, None]
+    last = np.argmax(room < 0, axis=1)  # All end below the height.
+    before, after = room[np.arange(len(last)), [last - 1, last]]
+    clear = np.where(last, last - 1 + before / (before - after), -1.0)
+    return clear / SAMPLES * durations
