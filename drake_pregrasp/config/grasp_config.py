@@ -84,13 +84,17 @@ class GraspConfig:
 
     # Largest acceleration of fingertips on the way to their goals, in m/s²: half of what the axes
     # of the five-finger hand's carrier allow, so that the palm can follow.
-    tip_acceleration: float = field(default=5.0, metadata=_LENGTH)
+    tip_acceleration: float = field(default=5.0, metadata={"above": 0, "at_most": 100})
 
     # Gap between fingertips and object while tracking, in metres.
     standoff: float = field(default=0.02, metadata={"at_least": 0.008, "at_most": 1})
 
     # Speed of closing fingertips, in m/s.
     closing_speed: float = field(default=0.04, metadata=_LENGTH)
+
+    # Acceleration of closing fingertips, in m/s²: so small that their inertia is not measured as
+    # touch. Closing takes as long as distance, speed and acceleration require.
+    closing_acceleration: float = field(default=0.2, metadata={"above": 0, "at_most": 100})
 
     # Smallest force that counts as touch, in newtons.
     touch_force: float = field(default=0.2, metadata=_FORCE)
@@ -100,6 +104,13 @@ class GraspConfig:
 
     # Largest normal force of each finger, in newtons.
     largest_force: float = field(default=12.0, metadata=_FORCE)
+
+    # Shortest duration of the increase of the forces from touch to squeeze, in seconds.
+    squeeze_duration: float = field(default=0.5, metadata=_TIME)
+
+    # Duration of the hand's constant deceleration to rest once it has gripped the object, in
+    # seconds: from the speed v it takes v/2 times as many metres.
+    stop_duration: float = field(default=0.3, metadata=_TIME)
 
     # Seconds for which the hand waits until enough fingers are active, all of these have arrived at
     # their goals, and can balance the weight. Then it closes without those that have not arrived,
@@ -175,6 +186,9 @@ class GraspConfig:
             largest_force=np.minimum(self.largest_force, [c.force for c in closing]),
             lift_height=self.lift_height,
             lift_duration=self.lift_duration,
+            closing_acceleration=self.closing_acceleration,
+            squeeze_duration=self.squeeze_duration,
+            stop_duration=self.stop_duration,
             least_fingers=least_fingers(fingertips),
         )
 

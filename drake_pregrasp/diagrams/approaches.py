@@ -26,10 +26,12 @@ def candidate_approaches(
     X_WO: RigidTransform,
     p_OCoM: FloatArray,
     table: float = 0.0,
+    incoming: FloatArray | None = None,
 ) -> list[RigidTransform]:
     """Returns the approaches X_LA to choose from (see `HandModel`).
 
-    Those from the side are along x and y of an upright object.
+    Those from the side are along x and y of an upright object. A palm from the side that waits for
+    an object faces it, along x or y of W.
 
     Args:
         config: Configuration of the grasp.
@@ -37,12 +39,18 @@ def candidate_approaches(
         X_WO: Initial pose of the object.
         p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
         table: Height of the table in W, in metres.
+        incoming: Displacement of an object to where the palm waits for it, in W, shape (3,), in
+            metres; None for a palm that does not wait.
     """
     z_CoM = (X_WO @ p_OCoM)[2] - table
     height = config.side_height or max(z_CoM, least_side_height(hand))
     p_LA = [0.0, 0.0, height - z_CoM]
     yaw, level = RollPitchYaw(X_WO.rotation()).yaw_angle(), RotationMatrix.MakeYRotation(np.pi / 2)
-    turns = [RotationMatrix.MakeZRotation(yaw + turn) for turn in _SIDES]
+    azimuths = yaw + _SIDES
+    if incoming is not None:
+        nearest = np.argmax(np.cos(_SIDES) * incoming[0] + np.sin(_SIDES) * incoming[1])
+        azimuths = _SIDES[[nearest]]
+    turns = [RotationMatrix.MakeZRotation(azimuth) for azimuth in azimuths]
     found = {ABOVE: [FROM_ABOVE], SIDE: [RigidTransform(turn @ level, p_LA) for turn in turns]}
     return [X_LA for kind in config.approaches for X_LA in found[kind]]
 

@@ -135,6 +135,7 @@ class HandController(Diagram):
                 efforts=hand.kinematics.efforts,
                 stiffness=hand.kinematics.level_stiffness(self.initial),
                 palm_axis=R_LA[:, 2],
+                gravity=gravity,
             ),
         )
         shaper = builder.AddNamedSystem(

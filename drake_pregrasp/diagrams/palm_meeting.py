@@ -14,7 +14,7 @@ from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 from drake_pregrasp.systems.hand_kinematics import moving_joints, point_jacobian, scoped_frame
 
 _SPEED_SHARE = 0.9  # Share of the axes' largest speed that the path to the meeting uses.
-_AXIS_SHARE = 0.75  # Share of the axes' largest acceleration: fingers need the rest.
+_AXIS_SHARE = 0.9  # Share of the axes' largest acceleration: corrections need the rest.
 _TIP_SHARE = 0.6  # Share of `tip_acceleration`, within which fingertips keep up with the palm.
 
 

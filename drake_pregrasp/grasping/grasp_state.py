@@ -154,16 +154,16 @@ class GraspSettings:
     largest_force: float | FloatArray
     lift_height: float
     lift_duration: float
+    closing_acceleration: float
+    squeeze_duration: float
+    stop_duration: float
     approach_height: float = 0.15
     rise_duration: float = 1.5
     gate_distance: float = 0.004
-    closing_acceleration: float = 0.2
     correction_limit: float = 2.3
     least_fingers: int = 3
-    squeeze_duration: float = 0.5
     squeeze_limit: float = 2.0
     imbalance: float = 0.2
-    stop_duration: float = 0.3
 
     @property
     def closing_duration(self) -> float:
@@ -330,7 +330,7 @@ class GraspState:
 def state_unpacker(num_fingers: int) -> Callable[[FloatArray], GraspState]:
     """Returns the inverse of `GraspState.to_vector` for n fingers."""
     # Only types and shapes matter: integer settings would round the unpacked values.
-    any_settings = GraspSettings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    any_settings = GraspSettings(*np.zeros(12).tolist())
     return unpacker(GraspState.first(num_fingers, any_settings))
 
 

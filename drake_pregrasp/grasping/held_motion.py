@@ -30,6 +30,8 @@ class HeldMotion:
         p_WG: Position of G in W, shape (3,), in metres.
         V_WG: Angular velocity, and velocity of the origin of G, shape (2, 3), in rad/s and m/s.
         V_WB: Twist of the belt B under the object when the fingers touched it, shape (2, 3).
+        a_W: Acceleration of the origin of G in W, shape (3,), in m/s²: zero on a belt, gravity in
+            the air.
     """
 
     time: float
@@ -37,15 +39,20 @@ class HeldMotion:
     p_WG: FloatArray
     V_WG: FloatArray
     V_WB: FloatArray
+    a_W: FloatArray
 
     @staticmethod
     def at_rest() -> "HeldMotion":
         """Returns the motion of a frame that rests in W."""
-        return HeldMotion(0.0, np.eye(3), np.zeros(3), np.zeros((2, 3)), np.zeros((2, 3)))
+        still = np.zeros((2, 3))
+        return HeldMotion(0.0, np.eye(3), np.zeros(3), still, still, np.zeros(3))
 
     def at(self, time: float) -> "HeldMotion":
-        """Returns the motion at another time, with the same twist."""
-        return self._displaced((time - self.time) * self.V_WG, time)
+        """Returns the motion at another time, with the same acceleration."""
+        dt = time - self.time
+        change = np.array([np.zeros(3), dt * self.a_W])
+        moved = self._displaced(dt * (self.V_WG + change / 2), time)
+        return replace(moved, V_WG=self.V_WG + change)
 
     def stopping(self, time: float, duration: float) -> "HeldMotion":
         """Returns the motion at a later time, with constant deceleration to rest.

@@ -47,7 +47,7 @@ def grasp_problems(
         yield "planner.estimator.gravity", problem
     with errors_at("grasp.lift_direction"):
         _ = grasp.lift_axis
-    if isinstance(scenario.motion, Toss) and SIDE in grasp.approaches:
+    if isinstance(scenario.motion, Toss) and not in_air and SIDE in grasp.approaches:
         problem = f"must be [{ABOVE}] for a !Toss: the object lands at another height"
         yield "grasp.approaches", f"{grasp.approaches} {problem}"
     with errors_at("hand.file"):

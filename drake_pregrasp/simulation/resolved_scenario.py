@@ -302,7 +302,12 @@ def _hand_and_start(
     with errors_at("hand.file", f"{file}: "):
         approaches = [FROM_ABOVE]
         if grasp.approaches != [ABOVE]:
-            approaches = candidate_approaches(grasp, model(FROM_ABOVE), X_WO, p_OCoM)
+            incoming = None
+            if grasp.meeting.wait_at:
+                incoming = grasp.meeting.wait_at - initial_pose(scenario.motion, shape) @ p_OCoM
+            approaches = candidate_approaches(
+                grasp, model(FROM_ABOVE), X_WO, p_OCoM, incoming=incoming
+            )
         hands = [model(X_LA) for X_LA in approaches]
     where, path = "", [X for _, X in _followed_path(scenario, hands[0], shape)]
     if not approaches[0].rotation().IsExactlyIdentity():

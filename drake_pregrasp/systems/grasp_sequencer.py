@@ -137,12 +137,13 @@ class GraspSequencer(LeafSystem):
     way to the meeting while the hand approaches. When all fingers touch, they stick to the object,
     and G moves on with the estimated twist of the belt. It yields to the object's push
     (`HeldMotion.yielding`), so a table that accelerates takes the hand along; it stays within
-    `TETHER` of the estimate. For the lift, G stops and moves straight along `lift_direction`.
+    `TETHER` of the estimate. In the air, G moves on as the object falls. For the lift, G stops with
+    a constant deceleration and moves straight along `lift_direction`.
     Contacts are held from closing or giving up
     until the next approach. A finger holds from the moment the hand closes until it releases; it
     may avoid obstacles at other times. The forces, once the hand closes, are those at the points of
-    the object nearest to the fingertips. They balance weight and acceleration of the lift. The
-    table carries the weight until the lift.
+    the object nearest to the fingertips. They balance the weight and the acceleration of stop
+    and lift. The table carries the weight until the lift; in the air there is none until then.
 
     Port `X_WG` emits a `RigidTransform`: the pose of the frame G of the command.
 
@@ -163,6 +164,8 @@ class GraspSequencer(LeafSystem):
         efforts: Largest torque of each joint, shape (nq,), in N m; empty for no limits.
         stiffness: Horizontal stiffness of the fingertips, or of each, shape (n,), in N/m.
         palm_axis: Unit vector from the object to the palm in W, shape (3,).
+        gravity: Acceleration of the object along -z of W until the hand stops it, in m/s²: 0 for
+            one that something carries.
 
     Raises:
         InvalidArgumentError: If a field of `config` is out of its range.
@@ -179,6 +182,7 @@ class GraspSequencer(LeafSystem):
         efforts: FloatArray | None = None,
         stiffness: float | FloatArray = 400.0,
         palm_axis: FloatArray = _UP,
+        gravity: float = 0.0,
     ) -> None:
         super().__init__()
         config = checked(config or GraspConfig())
@@ -186,6 +190,7 @@ class GraspSequencer(LeafSystem):
         self._config, self._mass, self._p_OCoM = config, mass, np.array(p_OCoM)
         self._settings = config.make_settings(fingertips)
         self._palm_axis, self._lift_axis = palm_axis, config.lift_axis
+        self._fall = -gravity * _UP
         self._solid, self._efforts = object_solid, np.empty(0) if efforts is None else efforts
         self._stiffness: FloatArray = np.broadcast_to(np.asarray(stiffness, dtype=float), n)
         self._radius = np.array([tip.radius for tip in fingertips])
@@ -237,6 +242,8 @@ class GraspSequencer(LeafSystem):
         has_lifted = state.phase > GraspPhase.SQUEEZE
         opened = state.phase == GraspPhase.BACK_OFF and state.since <= last.time
         is_gripped = math.isfinite(state.gripped) and (has_lifted or sticks)
+        if self._fall.any() and GraspPhase.CLOSE <= state.phase <= GraspPhase.SQUEEZE:
+            is_gripped = last.time >= state.since  # From the first tick of closing on.
         stands = opened or not has_lifted
         return _Memory(state, last, p_GT.reshape(-1, 3), sticks, stands, is_gripped)
 
@@ -247,7 +254,7 @@ class GraspSequencer(LeafSystem):
         if not memory.stands:
             return last.stopping(time, self._settings.stop_duration)
         now = last.at(time)
-        if state.phase == GraspPhase.BACK_OFF:
+        if state.phase == GraspPhase.BACK_OFF or self._fall.any():
             return now
         p_WT = validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
         on = state.active & np.all(np.isfinite(p_WT) & np.isfinite(p_GT), axis=1)
@@ -263,7 +270,7 @@ class GraspSequencer(LeafSystem):
         motion: HeldMotion = self._held.Eval(context)
         _, R_WO, p_WO, is_tracked = self._pose.eval(context)
         memory: _Memory = self._memory.Eval(context)
-        if not (is_tracked and memory.stands):
+        if not (is_tracked and memory.stands) or self._fall.any():
             return motion
         _, p_WG = corrected_pose(R_WO, p_WO, self._p_OCoM, memory.state.offset)
         return motion.within(p_WG, TETHER)
@@ -341,8 +348,10 @@ class GraspSequencer(LeafSystem):
             if self._solid is not None:
                 centers, normals = self._solid.distance_and_gradient(p_GT)
                 surface_gaps = centers - self._radius
-            p_CoMT_W, normals_W = (p_GT - self._p_OCoM) @ command.R_WG.T, normals @ command.R_WG.T
-            rows = np.column_stack([normals_W[:, :2], np.cross(p_CoMT_W, normals_W)[:, 2]])
+            if not self._fall.any():  # In the air, the object moves to where the fingers are.
+                p_CoMT_W = (p_GT - self._p_OCoM) @ command.R_WG.T
+                normals_W = normals @ command.R_WG.T
+                rows = np.column_stack([normals_W[:, :2], np.cross(p_CoMT_W, normals_W)[:, 2]])
         p_GT_goal = p_OC + (self._radius + state.standoffs)[:, None] * nhat
         distances = norms(p_GT_goal - p_GT)
         close = float(self._close.Eval(context)[0])
@@ -373,8 +382,8 @@ class GraspSequencer(LeafSystem):
             return  # In other phases nothing is gripped, or the motion is kept.
         motion: HeldMotion = self._near.Eval(context)
         if not memory.is_gripped:
-            V_WB = _ON_TABLE * command.V_WO
-            motion = HeldMotion(view.time, command.R_WG, command.p_WG, V_WB, V_WB)
+            V_WB = command.V_WO if self._fall.any() else _ON_TABLE * command.V_WO
+            motion = HeldMotion(view.time, command.R_WG, command.p_WG, V_WB, V_WB, self._fall)
         discrete_state.set_value(self._last, pack(motion))
         sticks = state.phase == GraspPhase.SQUEEZE
         sticking = p_GT_goal.ravel() if sticks else np.full(p_GT.size, np.nan)
@@ -390,14 +399,15 @@ class GraspSequencer(LeafSystem):
         command: GraspCommand = self._command.Eval(context)
         R_WG, settings = command.R_WG, self._settings  # Contacts and forces are in G.
         # A ramp of duration T over the height h accelerates by at most 6 h / T^2.
-        lift = 6 * settings.lift_height / settings.lift_duration**2
+        lift = 6 * settings.lift_height / settings.lift_duration**2 * self._lift_axis
+        stop = -(command.V_WO[1] + settings.squeeze_duration * self._fall) / settings.stop_duration
         jacobians = None
         if self._J_WT.HasValue(context):
             J_WT = validated_numbers(self._J_WT.Eval(context)).reshape(len(active), 3, -1)[active]
             jacobians = R_WG.T @ J_WT if np.all(np.isfinite(J_WT)) else None
         return plan_lift(
             *(p_OC - self._p_OCoM, nhat, active, settings),
-            load=-self._mass * (GRAVITY * _UP + lift * self._lift_axis) @ R_WG,
+            load=-self._mass * (GRAVITY * _UP + stop + lift) @ R_WG,
             friction=self._config.planned_friction,
             patch_radii=self._patch_radii,
             jacobians=jacobians,

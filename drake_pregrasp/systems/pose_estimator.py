@@ -197,6 +197,8 @@ class PoseEstimator(LeafSystem):
         kernels = kernels or default_kernels()
         self._settings = replace(settings, step=kernels.filter_step)
         self._merged, self._noise = kernels.merged, settings.noise
+        held = replace(settings.noise, gravity=0.0)  # The hand carries the weight.
+        self._held_settings = replace(self._settings, noise=held)
         self._seen_object = None
         if object_solid is not None:
             assumed = config.point_std, config.fewest_points, config.rests_on_table
@@ -267,7 +269,10 @@ class PoseEstimator(LeafSystem):
         if self._V_WO_held.HasValue(context):
             V_held = self._twist(context, self._merged(track.newest))
             track = track.with_twist(V_held, time - self._period / 2)
-        track = update_track(track, self._measured(context, track), time, self._settings)
+        settings = self._settings
+        if self._noise.gravity and self._is_held(context):
+            settings = self._held_settings
+        track = update_track(track, self._measured(context, track), time, settings)
         return track, self._merged(track.newest)
 
     def _measured(self, context: Context, track: PoseTrack) -> PoseMeasurement:
@@ -326,7 +331,10 @@ class PoseEstimator(LeafSystem):
                 belief = boosted(belief, dV, (last_tick + time) / 2)
         if status == TrackingStatus.LOST:  # The pose stays where it was lost.
             since = track.confirmed_at + self._period + config.lost_after - belief.time
-        R_WO, p_WCoM, V_WO = predicted_mean(belief, self._ahead(since), self._noise.gravity)
+        gravity = self._noise.gravity
+        if gravity and self._is_held(context):
+            gravity = 0.0
+        R_WO, p_WCoM, V_WO = predicted_mean(belief, self._ahead(since), gravity)
         p_CoMO_W = -R_WO @ self._p_OCoM
         if not max(np.abs(p_WCoM + p_CoMO_W).max(), np.abs(V_WO).max()) <= FARTHEST:
             status, R_WO, p_WCoM = TrackingStatus.LOST, belief.R_WO[0], belief.p_WCoM[0]
