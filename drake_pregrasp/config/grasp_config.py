@@ -117,6 +117,9 @@ class GraspConfig:
     # or gives up if the others cannot hold the object.
     gate_limit: float = field(default=1.5, metadata={"at_least": 0, "at_most": 1e6})
 
+    # Largest distance of each finger from its goal when the hand closes, in metres.
+    gate_distance: float = field(default=0.004, metadata=_LENGTH)
+
     # Height of the lift, in metres.
     lift_height: float = field(default=0.1, metadata=_LENGTH)
 
@@ -189,6 +192,7 @@ class GraspConfig:
             closing_acceleration=self.closing_acceleration,
             squeeze_duration=self.squeeze_duration,
             stop_duration=self.stop_duration,
+            gate_distance=self.gate_distance,
             least_fingers=least_fingers(fingertips),
         )
 

@@ -169,6 +169,7 @@ class HandController(Diagram):
                 acceleration=config.tip_acceleration,
                 period=config.period,
                 plant_time_step=plant_time_step,
+                feeds_inertia=gravity > 0,
             ),
         )
         sensor = builder.AddNamedSystem("fingertip_sensor", FingertipSensor(scene.hand))
@@ -190,6 +191,8 @@ class HandController(Diagram):
             ),
         )
         _connect(builder, sequencer, shaper, kinematics, sensor, interception)
+        if gravity > 0:
+            connect(builder, kinematics, "inertial_torque", sensor)
         builder.BuildInto(self)
 
 

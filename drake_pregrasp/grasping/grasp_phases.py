@@ -194,6 +194,7 @@ def _close(
                 active=touched,
                 forces=planned.forces,
                 internal=planned.internal,
+                stopping=planned.stopping,
             )
     missing = np.flatnonzero(state.active & ~touched)
     if planned is not None and not len(missing):

@@ -157,9 +157,9 @@ class GraspSettings:
     closing_acceleration: float
     squeeze_duration: float
     stop_duration: float
+    gate_distance: float
     approach_height: float = 0.15
     rise_duration: float = 1.5
-    gate_distance: float = 0.004
     correction_limit: float = 2.3
     least_fingers: int = 3
     squeeze_limit: float = 2.0
@@ -238,6 +238,7 @@ class GraspState:
         touched: Whether each finger touches the object, shape (n,), until the squeeze begins.
         forces: Planned forces of the fingers on the object, in O, shape (n, 3), in newtons.
         internal: Their internal part, which exerts no wrench, shape (n, 3), in newtons.
+        stopping: Part of them that stops the object, shape (n, 3), in newtons.
     """
 
     phase: int
@@ -254,6 +255,7 @@ class GraspState:
     touched: BoolArray
     forces: FloatArray
     internal: FloatArray
+    stopping: FloatArray
 
     @staticmethod
     def first(num_fingers: int, settings: GraspSettings) -> "GraspState":
@@ -273,6 +275,7 @@ class GraspState:
             touched=np.zeros(num_fingers, dtype=bool),
             forces=np.zeros((num_fingers, 3)),
             internal=np.zeros((num_fingers, 3)),
+            stopping=np.zeros((num_fingers, 3)),
         )
 
     @property
@@ -330,7 +333,7 @@ class GraspState:
 def state_unpacker(num_fingers: int) -> Callable[[FloatArray], GraspState]:
     """Returns the inverse of `GraspState.to_vector` for n fingers."""
     # Only types and shapes matter: integer settings would round the unpacked values.
-    any_settings = GraspSettings(*np.zeros(12).tolist())
+    any_settings = GraspSettings(*np.zeros(13).tolist())
     return unpacker(GraspState.first(num_fingers, any_settings))
 
 
@@ -378,6 +381,7 @@ class Squeeze(NamedTuple):
         residual: Norm of the unbalanced wrench, in newtons, with torques divided by the longest
             lever arm.
         internal: Their internal part, which exerts no wrench, shape (n, 3), in newtons.
+        stopping: Part of them that stops the object, shape (n, 3), in newtons.
         lack: Reason of an imbalance: the limit without which the forces would balance, or
             `OUT_OF_BALANCE` if there is no such limit.
     """
@@ -385,4 +389,5 @@ class Squeeze(NamedTuple):
     forces: FloatArray
     residual: float
     internal: FloatArray
+    stopping: FloatArray
     lack: GiveUp = GiveUp.OUT_OF_BALANCE

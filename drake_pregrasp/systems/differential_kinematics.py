@@ -60,6 +60,7 @@ class DifferentialKinematics(LeafSystem):
         output_ports:
         - desired_state
         - blocked_finger
+        - inertial_torque
 
     Port `goals` accepts `HandGoals`, as `HandGoalShaper` emits them.
 
@@ -73,13 +74,16 @@ class DifferentialKinematics(LeafSystem):
     Port `hand_state` (optional) accepts a vector of 2 nq: measured positions and velocities of the
     joints. The forces of fingers are limited only if it is connected and finite.
 
-    Port `desired_state` emits a vector of 2 nq: q + K_p^-1 J^T f with the reference q and the
-    forces f, then the velocities. Joints that are held at these positions by their proportional
-    gains K_p press with f. A finger that would press with more than its limit yields: its desired
+    Port `desired_state` emits a vector of 2 nq: q + K_p^-1 (J^T f + tau) with the reference q, the
+    forces f and the torques tau for the hand's own inertia, then the velocities. Joints that are
+    held at these positions by their proportional gains K_p press with f. A finger that would press with more than its limit yields: its desired
     positions give way to what holds it back.
 
     Port `blocked_finger` emits a vector of 1: the index of the finger that stops the hand, `BASE`,
     or `NOT_BLOCKED`, as of the last tick.
+
+    Port `inertial_torque` emits a vector of nq: tau = M(q) dv/dt with the mass matrix M, in N m (and
+    N), as of the last tick; zero unless `feeds_inertia` is set.
 
     At each tick the velocities v of the joints minimise the errors of goals J v - V first and of
     the posture second (`joint_velocities`), within the limits of speed and acceleration of the
@@ -101,6 +105,8 @@ class DifferentialKinematics(LeafSystem):
         period: Seconds between ticks, greater than zero.
         plant_time_step: Time step of the hand's plant, in seconds, at whose end the measured
             positions have changed by the measured velocities.
+        feeds_inertia: Whether the torques that accelerate the hand are commanded; else it lags
+            behind its reference as its drives yield, which slow hands hardly do.
 
     Raises:
         InvalidArgumentError: If `period` is not positive, or `initial` has another length.
@@ -117,6 +123,7 @@ class DifferentialKinematics(LeafSystem):
         acceleration: float,
         period: float,
         plant_time_step: float = 0.0,
+        feeds_inertia: bool = False,
     ) -> None:
         super().__init__()
         self._scene, self._hand, self._base = scene, scene.hand, base
@@ -126,7 +133,7 @@ class DifferentialKinematics(LeafSystem):
         if np.shape(initial) != (nq,):
             raise InvalidArgumentError(f"the hand has {nq} joints, not {np.size(initial)}")
         self._home, self._yaw_range = home, yaw_range
-        self._step = plant_time_step
+        self._step, self._feeds_inertia = plant_time_step, feeds_inertia
         self._pace = Pace(FASTEST_APPROACH, _USED * acceleration, period)
         change = hand.acceleration_limit * period
         self._limits = JointLimits(hand.lower, hand.upper, hand.rate_limit, change)
@@ -141,6 +148,7 @@ class DifferentialKinematics(LeafSystem):
         # Torques for the forces of the fingertips, and the limits of these forces.
         self._pressing = self.DeclareDiscreteState(np.repeat([0.0, NO_LIMIT], [nq, n]))
         self._blocked = self.DeclareDiscreteState([float(NOT_BLOCKED)])
+        self._inertial = self.DeclareDiscreteState(nq)
         any_value = AbstractValue.Make(object())
         self._goals = self.DeclareAbstractInputPort("goals", any_value)
         self._command = self.DeclareAbstractInputPort("command", any_value)
@@ -155,6 +163,7 @@ class DifferentialKinematics(LeafSystem):
         sources = (time, stored, self._state)
         ports.declare_output(self, "desired_state", 2 * nq, self._calc_desired, *sources)
         self.DeclareStateOutputPort("blocked_finger", self._blocked)
+        self.DeclareStateOutputPort("inertial_torque", self._inertial)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
     def _moved(self, context: Context) -> tuple[float, FloatArray, FloatArray, FloatArray]:
@@ -183,6 +192,11 @@ class DifferentialKinematics(LeafSystem):
         torques = np.zeros(len(q))
         if command.f_T_W.any():
             torques = command.f_T_W.ravel() @ pose.J_WT.reshape(-1, len(q))
+        if self._feeds_inertia:
+            plant = self._hand.plant
+            placed = plant.GetMyContextFromRoot(self._placed.Eval(context))
+            inertial = plant.CalcMassMatrix(placed) @ (v - v_last) / self._pace.period
+            discrete_state.set_value(self._inertial, inertial)
         reference = np.concatenate([[context.get_time()], q, v, v_last])
         discrete_state.set_value(self._reference, reference)
         discrete_state.set_value(self._pressing, np.concatenate([torques, command.force_limits]))
@@ -227,7 +241,8 @@ class DifferentialKinematics(LeafSystem):
         pressing = context.get_discrete_state(self._pressing).value()
         torques, limits = pressing[: len(q)], pressing[len(q) :]
         is_free = np.where(v > 0, q < self._hand.upper, q > self._hand.lower)
-        q, v = q + torques / self._hand.stiffness, v * is_free
+        inertial = context.get_discrete_state(self._inertial).value()
+        q, v = q + (torques + inertial) / self._hand.stiffness, v * is_free
         if (limits >= NO_LIMIT).all() or not self._state.HasValue(context):
             return np.concatenate([q, v])
         state = self._state.Eval(context)
@@ -239,6 +254,6 @@ class DifferentialKinematics(LeafSystem):
         hand, (q_now, v_now) = self._hand, state.reshape(2, -1)
         v_known = v_last if elapsed < 1.5 * self._step else v
         behind = q - elapsed * (v - v_known) - (q_now + self._step * v_now)
-        torques = hand.stiffness * behind + hand.damping * (v_known - v_now)
+        torques = hand.stiffness * behind + hand.damping * (v_known - v_now) - inertial
         allowed = hand.with_limited_forces(self._pose.Eval(context).J_WT, torques, limits)
         return np.concatenate([q - (torques - allowed) / hand.stiffness, v])

@@ -18,6 +18,7 @@ class FingertipSensor(LeafSystem):
         input_ports:
         - hand_state
         - net_actuation
+        - inertial_torque
         output_ports:
         - p_WT
         - f_T_W
@@ -27,7 +28,10 @@ class FingertipSensor(LeafSystem):
 
     Port `net_actuation` accepts a vector of nq: torques (and forces) of the joints in N m (and N),
     from MultibodyPlant's port of that name. The model neglects gravity, or assumes that it is
-    compensated, and inertia: only forces at the fingertips load the fingers.
+    compensated: only forces at the fingertips and inertia load the fingers.
+
+    Port `inertial_torque` (optional) accepts a vector of nq: torques (and forces) that accelerate
+    the hand as commanded (`DifferentialKinematics`). If it is unconnected, inertia is neglected.
 
     Port `p_WT` emits a vector of 3n: the fingertips' centres in W, in metres; NaN if a position of
     the hand is not finite.
@@ -48,10 +52,12 @@ class FingertipSensor(LeafSystem):
         nq, n = hand.num_positions, 3 * len(hand.tip_frames)
         self._state = self.DeclareVectorInputPort("hand_state", 2 * nq)
         self._actuation = self.DeclareVectorInputPort("net_actuation", nq)
+        self._inertial = self.DeclareVectorInputPort("inertial_torque", nq)
         model, words = hand.pose(np.zeros(nq)), "kinematics at the measured positions"
         self._pose = pose = declare_cache(self, words, model, self._calc_pose, self._state)
         declare_output(self, "p_WT", n, lambda context: pose.Eval(context).p_WT, pose)
-        declare_output(self, "f_T_W", n, self._calc_forces, pose, self._actuation)
+        loads = self._actuation, self._inertial
+        declare_output(self, "f_T_W", n, self._calc_forces, pose, *loads)
         declare_output(self, "J_WT", n * nq, lambda context: pose.Eval(context).J_WT, pose)
 
     def _calc_pose(self, context: Context) -> HandPose:
@@ -61,6 +67,8 @@ class FingertipSensor(LeafSystem):
     def _calc_forces(self, context: Context) -> FloatArray:
         pose: HandPose = self._pose.Eval(context)
         actuation = self._actuation.Eval(context)
+        if self._inertial.HasValue(context):
+            actuation = actuation - self._inertial.Eval(context)
         if not (are_valid(pose.p_WT) and are_valid(actuation)):
             return np.full(pose.p_WT.size, np.nan)
         return self._hand.tip_forces(pose.J_WT, actuation)

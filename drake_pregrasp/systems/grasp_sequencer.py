@@ -408,6 +408,7 @@ class GraspSequencer(LeafSystem):
         return plan_lift(
             *(p_OC - self._p_OCoM, nhat, active, settings),
             load=-self._mass * (GRAVITY * _UP + stop + lift) @ R_WG,
+            stop=-self._mass * stop @ R_WG,
             friction=self._config.planned_friction,
             patch_radii=self._patch_radii,
             jacobians=jacobians,
@@ -426,8 +427,10 @@ class GraspSequencer(LeafSystem):
             _, nhat, _ = self._contact_frames(context)
             pressed = np.where(state.touched[:, None] & np.isfinite(nhat), nhat, 0.0)
             return np.asarray(-touch_force * pressed @ R_WG.T)
-        lifted = 0.0 if stands else min(1.0, (context.get_time() - last.time) / _WEIGHT_DURATION)
-        forces = state.internal + lifted * (state.forces - state.internal)
+        since = 0.0 if stands else context.get_time() - last.time
+        stopped = min(1.0, max(0.0, since - self._settings.stop_duration) / _WEIGHT_DURATION)
+        external = state.forces - state.internal - stopped * state.stopping
+        forces = state.internal + min(1.0, since / _WEIGHT_DURATION) * external
         return np.asarray(state.applied_share(touch_force) * forces @ R_WG.T)
 
     def _calc_report(self, context: Context) -> list[float]:

@@ -98,7 +98,8 @@ def plan_squeeze(
     }
     f, residual = _solve(*balance, torques, least_normal, *limits.values())
     forces = np.einsum("nij,nj->ni", R, f)
-    squeeze = Squeeze(forces, residual, internal_forces(p_CoMC, forces))
+    internal = internal_forces(p_CoMC, forces)
+    squeeze = Squeeze(forces, residual, internal, np.zeros(forces.shape))
     if residual <= _IN_BALANCE:
         return squeeze
     for lack, limit in limits.items():
@@ -115,6 +116,7 @@ def plan_lift(
     settings: GraspSettings,
     *,
     load: FloatArray,
+    stop: FloatArray,
     friction: float,
     patch_radii: FloatArray,
     jacobians: FloatArray | None,
@@ -130,6 +132,7 @@ def plan_lift(
         active: Mask of the active fingers, shape (n,).
         settings: Settings of the grasp, with the limits of the normal forces.
         load: Weight and inertia of the object in the lift, shape (3,), in newtons.
+        stop: Part of it while the hand stops, shape (3,), in newtons.
         friction: As for `plan_squeeze`.
         patch_radii: As for `plan_squeeze`, of all fingers, shape (n,).
         jacobians: As for `plan_squeeze`, of the active fingers.
@@ -137,7 +140,7 @@ def plan_lift(
     """
     forces, internal = np.zeros((2, len(active), 3))
     if not np.all(np.isfinite([p_CoMC, nhat])):
-        return Squeeze(forces, float(np.linalg.norm(load)), internal)
+        return Squeeze(forces, float(np.linalg.norm(load)), internal, internal)
     plan = partial(
         plan_squeeze,
         *(p_CoMC, nhat, np.append(load, np.zeros(3))),
@@ -151,7 +154,21 @@ def plan_lift(
     if planned.residual > settings.imbalance:
         planned = plan(least_normal=min(settings.least_force, 2 * settings.touch_force))
     forces[active], internal[active] = planned.forces, planned.internal
-    return planned._replace(forces=forces, internal=internal)
+    stopping = np.zeros(forces.shape)
+    stopping[active] = balancing_forces(p_CoMC, np.append(stop, np.zeros(3)))
+    return planned._replace(forces=forces, internal=internal, stopping=stopping)
+
+
+def balancing_forces(p_CoMC: FloatArray, wrench: FloatArray) -> FloatArray:
+    """Returns the smallest forces that balance a wrench, -G⁺ wrench, shape (n, 3), in newtons.
+
+    Args:
+        p_CoMC: Lever arms from the centre of mass to the contacts, shape (n, 3), in metres.
+        wrench: The wrench: force in N, and torque about the centre of mass in N m, shape (6,).
+    """
+    scale = np.append(np.ones(3), np.full(3, 1 / longest_arm(p_CoMC)))
+    forces = np.linalg.pinv(_grasp_matrix(p_CoMC)) @ (scale * wrench)
+    return np.asarray(-forces.reshape(-1, 3))
 
 
 def internal_forces(p_CoMC: FloatArray, forces: FloatArray) -> FloatArray:
@@ -164,11 +181,16 @@ def internal_forces(p_CoMC: FloatArray, forces: FloatArray) -> FloatArray:
         p_CoMC: Lever arms from the centre of mass to the contacts, shape (n, 3), in metres.
         forces: Forces at the contacts, in the frame of `p_CoMC`, shape (n, 3), in newtons.
     """
-    arms = skew(p_CoMC / longest_arm(p_CoMC))
-    G = np.concatenate([np.broadcast_to(np.eye(3), arms.shape), arms], axis=1)
-    G = np.concatenate(G, axis=1)
+    G = _grasp_matrix(p_CoMC)
     external = np.linalg.pinv(G) @ (G @ forces.ravel())
     return forces - external.reshape(-1, 3)
+
+
+def _grasp_matrix(p_CoMC: FloatArray) -> FloatArray:
+    """Returns the grasp matrix G of points, with torques over the longest lever arm, (6, 3n)."""
+    arms = skew(p_CoMC / longest_arm(p_CoMC))
+    G = np.concatenate([np.broadcast_to(np.eye(3), arms.shape), arms], axis=1)
+    return np.concatenate(G, axis=1)
 
 
 def _solve(

@@ -23,7 +23,7 @@ def fingertips(speeds, depths):
 
 
 def balanced(active):
-    return Squeeze(np.zeros((N, 3)), 0.0, np.zeros((N, 3)))
+    return Squeeze(np.zeros((N, 3)), 0.0, *np.zeros((2, N, 3)))
 
 
 def last_touch(config, tips, arrival=0.0, gap=None):

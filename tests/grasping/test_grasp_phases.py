@@ -33,7 +33,7 @@ NOTHING = np.zeros((N, 3))
 
 def balanced(active):
     forces = np.where(active[:, None], [-3.0, 0, 0], 0.0)
-    return Squeeze(forces, 0.0, forces)
+    return Squeeze(forces, 0.0, forces, NOTHING)
 
 
 class Scene:
@@ -147,7 +147,7 @@ def test_the_gate_waits_for_what_comes_up_to_its_limit_and_never_closes_without_
     scene = Scene()
     states = play(
         scene,
-        squeeze=lambda active: Squeeze(NOTHING, scene.residual, NOTHING),
+        squeeze=lambda active: Squeeze(NOTHING, scene.residual, NOTHING, NOTHING),
         change=lambda scene, _: change(scene, scene.time < 2.0 + comes - 1e-9),
         end=9.0,
     )
@@ -183,7 +183,7 @@ def slipped(scene, state):
 
 
 def unbalanced(active):
-    return Squeeze(NOTHING, 1.5, NOTHING)
+    return Squeeze(NOTHING, 1.5, NOTHING, NOTHING)
 
 
 @pytest.mark.parametrize(
