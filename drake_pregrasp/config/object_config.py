@@ -317,3 +317,8 @@ class PoseStream:
 
 
 MotionConfig = Conveyor | Toss | Push | PoseStream
+
+
+def is_free_flight(motion: MotionConfig) -> bool:
+    """Returns whether an object is tossed, and nothing but a hand ends its flight."""
+    return isinstance(motion, Toss) and not motion.table

@@ -1,6 +1,7 @@
 """Criterion of a held object: how far it moves in each part of a grasp, and how it is shaken.
 
-On the table, an object should stay where it was placed. In the hand, it should stay where it was at
+On the table, an object should stay where it was placed; in the air, where it was in the frame G that
+falls as the object did when the hand met it. In the hand, it should stay where it was at
 the start of the lift; in the shake, where it was at the start of the shake. It is held if it is
 never farther from there than `LARGEST_MM` and `LARGEST_DEG`, from the start of the simulation until
 `HOLD_DURATION` after the lift, and then through the shake.
@@ -73,15 +74,21 @@ def shake_force(since_lift: float) -> FloatArray:
 
 
 def held_measures(
-    ticks: GraspTicks, p_OCoM: FloatArray, close_at: float, *, is_carried: bool, shakes: bool
+    ticks: GraspTicks,
+    p_OCoM: FloatArray,
+    close_at: float,
+    *,
+    is_carried: bool,
+    falls: bool,
+    shakes: bool,
 ) -> dict[str, Any]:
     """Returns how far an object moved in each part of a grasp, and whether it was held.
 
     - `moved_before_mm`, `turned_before_deg`, and the same for `closing`, `squeeze`, `lift`, `hold`
       and `shake` (`PARTS`): largest distance of the centre of mass, and largest angle, in that part
       from where the object should be. On the table this is its first pose relative to the
-      turntable; in the hand it is its pose in G at the start of the lift, or of the shake. None for
-      a part that was not reached.
+      turntable; in the air, its pose in G at the meeting; in the hand, its pose in G at the start of
+      the lift, or of the shake. None for a part that was not reached.
     - `drift_mm_per_min`: speed at which the object slips in the second half of the hold; None if
       the hold is shorter than two seconds.
     - `slips_after_s`: time in which an object that drifts at that speed slips by 5 mm
@@ -96,13 +103,14 @@ def held_measures(
         p_OCoM: Centre of mass in O, shape (3,), in metres.
         close_at: Time of the command to close, in seconds.
         is_carried: Whether a conveyor carries the object.
+        falls: Whether it is in free flight until the hand has gripped it.
         shakes: Whether the object is shaken after the hold.
     """
     has_met = np.logical_or.accumulate(ticks.phase > GraspPhase.APPROACH)
     is_commanded = has_met & (ticks.time >= close_at - 1e-9)
     parts = _parts(ticks, is_commanded, shakes=shakes)
     placed = 0 if is_carried else int(np.argmax(is_commanded))
-    on_table = ticks.X_WD, placed
+    on_table = ticks.X_WG if falls else ticks.X_WD, placed
     in_hand, shaken = ((ticks.X_WG, int(np.argmax(parts[p]))) for p in ("lift", "shake"))
     where = on_table, on_table, on_table, in_hand, in_hand, shaken
     found: dict[str, float | None] = {}

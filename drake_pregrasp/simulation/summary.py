@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.arrays import FloatArray, IntArray
-from drake_pregrasp.config.object_config import Conveyor, PoseStream
+from drake_pregrasp.config.object_config import Conveyor, PoseStream, is_free_flight
 from drake_pregrasp.contacts.goal_limits import hold_contacts
 from drake_pregrasp.contacts.selection_input import (
     ContactStatus,
@@ -147,6 +147,7 @@ def summarize_grasp(resolved: ResolvedScenario, log: GraspLog) -> dict[str, Any]
             resolved.surface.p_OCoM,
             scenario.grasp.close_at,
             is_carried=isinstance(scenario.motion, Conveyor),
+            falls=is_free_flight(scenario.motion),
             shakes=scenario.grasp.shake,
         ),
         "lift_height_mm": _reduced(lambda s: 1e3 * (s[-1] - s[0]), lifted),

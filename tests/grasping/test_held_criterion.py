@@ -57,10 +57,11 @@ def measures(*, mm=0.0, deg=0.0, drift=0.0, since=np.inf, until=TIME[-1], **opti
         options.pop("phases", phases),
         begun,
         poses(p_WCoM - R_WO.apply(P_OCOM), R_WO),
-        poses(p_WD, R_WD),
+        options.pop("X_WD", poses(p_WD, R_WD)),
         poses(p_WG, R_WG),
     )
-    return held_measures(ticks, P_OCOM, CLOSE, **{"is_carried": True, "shakes": True, **options})
+    how = {"is_carried": True, "falls": False, "shakes": True, **options}
+    return held_measures(ticks, P_OCOM, CLOSE, **how)
 
 
 def test_an_object_that_keeps_its_place_is_held():
@@ -96,6 +97,16 @@ def test_before_the_command_only_what_a_conveyor_carries_has_a_place():
     found = measures(mm=9.0, since=1.0, is_carried=False)
     assert (found["held"], found["moved_before_mm"]) == (True, None)
     assert not measures(mm=9.0, since=2.5, is_carried=False)["held"]
+
+
+@pytest.mark.parametrize("part", PARTS[1:3])
+def test_in_the_air_an_object_should_stay_in_the_frame_that_falls_with_it(part):
+    still = poses(np.zeros((len(TIME), 3)), Rotation.from_rotvec(np.zeros((len(TIME), 3))))
+    in_air = {"is_carried": False, "X_WD": still}
+    assert measures(falls=False, **in_air)[f"moved_{part}_mm"] > LARGEST_MM
+    found = measures(falls=True, **in_air)
+    assert found["held"] and found[f"moved_{part}_mm"] == pytest.approx(0, abs=1e-4)
+    assert not measures(mm=9.0, since=STARTS[part] + 0.1, falls=True, **in_air)["held"]
 
 
 @given(st.floats(0.001, 0.4))

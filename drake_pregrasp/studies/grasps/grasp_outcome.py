@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_pregrasp.config.object_config import Conveyor
+from drake_pregrasp.config.object_config import Conveyor, is_free_flight
 from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState, describe_give_up
 from drake_pregrasp.grasping.held_criterion import (
@@ -111,6 +111,7 @@ def grasp_outcome(
         resolved.surface.p_OCoM,
         close_at,
         is_carried=isinstance(resolved.scenario.motion, Conveyor),
+        falls=is_free_flight(resolved.scenario.motion),
         shakes=resolved.scenario.grasp.shake,
     )
     held = motion.pop("held") is True
