@@ -169,9 +169,10 @@ def test_the_studies_on_a_page_load_with_their_options(page):
         load_study(name, text=given.get("--study_text", "{}"), **choice)
 
 
-def test_the_functions_of_a_tick_exist():
+@pytest.mark.parametrize("heading", ["One tick", "The hand"])
+def test_the_functions_of_a_tick_exist(heading):
     text = (DOCS / "architecture.md").read_text(encoding="utf-8")
-    (tick,) = re.findall(r"^## One tick\n.*?^```\n(.*?)^```", text, flags=re.M | re.S)
+    (tick,) = re.findall(rf"^## {heading}\n.*?^```\n(.*?)^```", text, flags=re.M | re.S)
     for line in tick.splitlines():
         names = re.match(r" *(\w+(?:\.\w+)?(?:, \w+)*)(?:  |$)", line)
         file = re.search(r"\w+/\w+\.py", line)

@@ -70,7 +70,7 @@ def next_state(
         settings: Settings of the grasp.
         period: Seconds to the next tick.
         squeeze: Function that plans a squeeze of the fingers in a mask of shape (n,), with forces
-            in O, which are zero for other fingers.
+            in G, which are zero for other fingers.
     """
     asked = min(state.asked, view.time) if view.close else np.inf
     if asked != state.asked:

@@ -58,7 +58,7 @@ class GiveUp(IntEnum):
         PRESSED_TOO_HARD: A finger pressed with more than the largest force.
         OUT_OF_BALANCE: No squeeze of these contacts balances the weight.
         LOST_TOUCH: A finger did not follow the squeeze, or lost touch in the lift or after it.
-        OBJECT_UNSEEN: The estimator lost the object before all fingers touched it.
+        OBJECT_UNSEEN: The estimator lost the object before the squeeze began.
         OFF_GOAL: A finger did not arrive at its goal.
         NEEDS_FORCE: A squeeze would balance the weight only above the largest force.
         NEEDS_TORQUE: A squeeze would balance the weight only above the torques of the joints.
@@ -236,7 +236,7 @@ class GraspState:
         standoffs: Commanded gap between each fingertip and the object, shape (n,), in metres.
         active: Whether each finger takes part, shape (n,), fixed when the hand closes.
         touched: Whether each finger touches the object, shape (n,), until the squeeze begins.
-        forces: Planned forces of the fingers on the object, in O, shape (n, 3), in newtons.
+        forces: Planned forces of the fingers on the object, in G, shape (n, 3), in newtons.
         internal: Their internal part, which exerts no wrench, shape (n, 3), in newtons.
         stopping: Part of them that stops the object, shape (n, 3), in newtons.
     """

@@ -7,14 +7,14 @@ import numpy as np
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.geometry.rotations import rotation_matrix
 
-COMPLIANCE = 0.8
+DAMPING_RATIO = 0.8
 """Ratio K h/D of the fingers' stiffness K and the damping D, with the control period h."""
 
-INVERTANCE = 1.8
+MASS_RATIO = 1.8
 """Ratio K h²/M of the fingers' stiffness K and the virtual mass M, with the control period h."""
 
 FRICTION_SHARE = 0.5
-"""Share of the table's friction on the object that does not move G; the rest accelerates G."""
+"""Ratio of the friction F₀ that does not move G to `planned_friction` times the weight."""
 
 TETHER = 0.005
 """Largest distance of G from the estimate of an object that is tracked, in metres."""
@@ -78,8 +78,8 @@ class HeldMotion:
             v⁺ = max(0, 1 - h F₀/(M |u|)) u   with  u = v + (h/M) F
 
         Its energy is at most the work of F on it, which moves it in each period by p⁺ - p + h v⁺.
-        `COMPLIANCE` and `INVERTANCE` state D and M. With fingertips that stick to something fixed,
-        F = -K p is stable for 0 < K h/D < 2 and K h²/M < 4 - 2 K h/D.
+        `DAMPING_RATIO` and `MASS_RATIO` state D and M. With fingertips that stick to something
+        fixed, F = -K p is stable for 0 < K h/D < 2 and K h²/M < 4 - 2 K h/D.
 
         G does not turn beside the belt: turns and tilts of the fingertips look like the strain of
         fingers of unequal stiffness. The object stands on the table, so a vertical push is not a
@@ -97,23 +97,24 @@ class HeldMotion:
         x, y, z = f / stiffness
         level, slack = np.array([x, y, 0.0]), friction / stiffness
         e = level * max(0.0, 1 - slack / max(np.hypot(x, y), 1e-12)) + [0.0, 0.0, min(z, 0.0)]
-        rate = share * INVERTANCE / period
+        rate = share * MASS_RATIO / period
         u = self.V_WG[1] - self.V_WB[1] + rate * level
         v = u * max(0.0, 1 - rate * slack / max(float(np.linalg.norm(u)), 1e-12))
-        moved = self._displaced(share * COMPLIANCE * np.array([np.zeros(3), e]), self.time)
+        moved = self._displaced(share * DAMPING_RATIO * np.array([np.zeros(3), e]), self.time)
         return replace(moved, V_WG=np.array([self.V_WG[0], self.V_WB[1] + v]))
 
-    def within(self, p_W: FloatArray, distance: float) -> "HeldMotion":
-        """Returns the motion with the origin of G brought back to a distance from a point.
+    def within(self, p_WQ: FloatArray, distance: float) -> "HeldMotion":
+        """Returns the motion with the origin of G brought back to a distance from a point Q.
 
         Args:
-            p_W: The point in W, shape (3,), in metres.
+            p_WQ: The point in W, shape (3,), in metres.
             distance: Largest distance, in metres.
         """
-        away = self.p_WG - p_W
+        away = self.p_WG - p_WQ
         share = min(1.0, distance / max(float(np.linalg.norm(away)), 1e-12))
-        return self if share == 1.0 else replace(self, p_WG=p_W + share * away)
+        return self if share == 1.0 else replace(self, p_WG=p_WQ + share * away)
 
     def _displaced(self, e: FloatArray, time: float) -> "HeldMotion":
+        """Returns the motion after a displacement: a rotation vector and a translation, (2, 3)."""
         R_WG = rotation_matrix(e[0]) @ self.R_WG
         return replace(self, time=time, R_WG=R_WG, p_WG=self.p_WG + e[1])

@@ -69,14 +69,14 @@ def next_velocities(
     lower, upper, fastest, change = limits
     least = np.minimum(np.maximum(LIMIT_RATE * (lower - q), -fastest), 0.0)
     most = np.maximum(np.minimum(LIMIT_RATE * (upper - q), fastest), 0.0)
-    slowest = np.maximum(v_last - change, np.minimum(least, v_last + change))
+    least = np.maximum(v_last - change, np.minimum(least, v_last + change))
     most = np.minimum(v_last + change, np.maximum(most, v_last - change))
     each = np.eye(len(q))
     A = np.concatenate([each, -each, clear.rows])
-    b = np.concatenate([slowest, -most, clear.least])
+    b = np.concatenate([least, -most, clear.least])
     v = joint_velocities(J, V, v_posture, A, b)
     if v is not None:
-        return np.minimum(np.maximum(v, slowest), most), NOT_BLOCKED
+        return np.minimum(np.maximum(v, least), most), NOT_BLOCKED
     stopped = np.minimum(np.maximum(0.0, v_last - change), v_last + change)
     lacking = clear.least - clear.rows @ stopped
     return stopped, int(clear.fingers[np.argmax(lacking)]) if len(lacking) else BASE
@@ -87,10 +87,12 @@ def joint_velocities(
 ) -> FloatArray | None:
     """Returns the v with A v >= b that follows goals, and a posture where they leave it free.
 
-    Without constraints it is v = v₀ + J⁺ (V - J v₀) with the velocity v₀ of the posture. If this v
-    violates a constraint, the same two errors are minimised with weights:
+    Without constraints it is u = v₀ + J⁺ (V - J v₀) with the velocity v₀ of the posture. If this
+    violates a constraint, the growth of the same two errors is minimised with weights:
 
-        min W |J v - V|² + |(I - J⁺ J)(v - v₀)|² + d² |v - v₀|²  subject to  A v >= b.
+        min W |J (v - u)|² + |(I - J⁺ J)(v - u)|² + d² |v - u|²  subject to  A v >= b
+
+    where directions that J⁺ gives up count by the damping d alone.
 
     Args:
         J: Jacobian of the goals, shape (k, nq).
@@ -106,7 +108,6 @@ def joint_velocities(
     v: FloatArray = v_posture + J_plus @ (V - J @ v_posture)
     if np.minimum.reduce(A @ v - b) >= -TOLERANCE:
         return v
-    # Both errors are zero at this v, so the cost is a norm of its change.
     each = np.eye(len(v))
     H = _TRACKING_WEIGHT * J.T @ J + (each - J_plus @ J) + DAMPING**2 * each
     return constrained_velocities(H, v, A, b)

@@ -15,7 +15,7 @@ _TOUCH_STD = 0.001  # Of the gap of a fingertip that touches, in metres.
 def touch_correction(
     gaps: FloatArray, rows: FloatArray, touching: BoolArray, offset: FloatArray
 ) -> FloatArray:
-    """Returns the change of an object's offset on which fingertips touch its surface, shape (3,).
+    """Returns the change of an object's offset that explains touches best, shape (3,).
 
     A fingertip that touches at the gap g_i from the surface says that the surface is there. With
     the standard deviations σ of a gap and S of the estimate, the change ξ of the offset
@@ -59,8 +59,8 @@ def corrected_pose(
 def limited_offset(offset: FloatArray, change: FloatArray, step: float) -> FloatArray:
     """Returns an offset (x, y, yaw) after a limited change, within the largest correction.
 
-    Changes as small as errors of gaps are left out, so that touches that come and go do not shake
-    the hand.
+    The length of a change is reduced by the standard deviation of a gap (1 mm), so that touches
+    that come and go do not shake the hand.
 
     Args:
         offset: Offset before, shape (3,), in metres and radians.
@@ -76,7 +76,10 @@ def limited_offset(offset: FloatArray, change: FloatArray, step: float) -> Float
 
 
 def is_settled(change: FloatArray) -> bool:
-    """Returns whether a desired change of the offset, shape (3,), is as small as errors of gaps."""
+    """Returns whether a desired change of the offset, shape (3,), is at most twice that deviation.
+
+    `limited_offset` leaves such changes unmade, or follows them by half.
+    """
     return _length(change) <= 2 * _TOUCH_STD
 
 

@@ -57,7 +57,8 @@ class _Memory(NamedTuple):
             end.
         sticks: Whether some fingertip has such a goal.
         stands: Whether the object still stands on the table.
-        is_gripped: Whether G moves with the fingertips, or as they left it.
+        is_gripped: Whether G moves with the fingertips, or as they left it: from the tick after
+            the squeeze has begun.
     """
 
     state: GraspState
@@ -120,8 +121,8 @@ class GraspSequencer(LeafSystem):
 
     Port `tracking_status` (optional) accepts a vector of 1: a `TrackingStatus`; any other number
     counts as `LOST`. While goals must not follow the estimate, the hand does not descend, and it
-    waits to close without a time limit and reports that. A closing hand opens, unless all fingers
-    have touched the object. If the port is unconnected, the object is tracked.
+    waits to close without a time limit and reports that. A closing hand opens, until the squeeze
+    begins. If the port is unconnected, the object is tracked.
 
     Port `J_WT` (optional) accepts a vector of 3n nq: the Jacobians of the fingertips' velocities in
     W, shape (n, 3, nq). If it is finite, the squeeze is within the largest torques of the joints.
@@ -134,8 +135,8 @@ class GraspSequencer(LeafSystem):
     apart from the time, the hand is raised over the object.
 
     Port `command` emits a `GraspCommand`. Its frame G is the estimated pose of O, raised or on its
-    way to the meeting while the hand approaches. When all fingers touch, they stick to the object,
-    and G moves on with the estimated twist of the belt. It yields to the object's push
+    way to the meeting while the hand approaches. When the squeeze begins, fingertips stick to the
+    object, and G moves on with the estimated twist of the belt. It yields to the object's push
     (`HeldMotion.yielding`), so a table that accelerates takes the hand along; it stays within
     `TETHER` of the estimate. In the air, G moves on as the object falls. For the lift, G stops with
     a constant deceleration and moves straight along `lift_direction`.
@@ -236,8 +237,9 @@ class GraspSequencer(LeafSystem):
         return memory.state
 
     def _calc_memory(self, context: Context) -> _Memory:
-        stored = [context.get_discrete_state(i).value() for i in range(3)]
-        state, last, p_GT = self._unpack(stored[0]), _unpack_motion(stored[1]), stored[2].copy()
+        indices = (self._state, self._last, self._sticking)
+        vector, packed, p_GT = (context.get_discrete_state(i).value() for i in indices)
+        state, last, p_GT = self._unpack(vector), _unpack_motion(packed), p_GT.copy()
         sticks = bool(np.isfinite(p_GT).any())
         has_lifted = state.phase > GraspPhase.SQUEEZE
         opened = state.phase == GraspPhase.BACK_OFF and state.since <= last.time
@@ -321,7 +323,10 @@ class GraspSequencer(LeafSystem):
         return SpatialVelocity(w=w_WG, v=v_WG + state.height.rate(time) * self._lift_axis)
 
     def _contact_frames(self, context: Context) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """Returns points and normals of the contacts in O, shape (n, 3), and which are active."""
+        """Returns points and normals of the contacts in O, shape (n, 3), and which are active.
+
+        While the hand closes or holds, G stands for O: they are the same numbers in G.
+        """
         contacts, n = self._contacts.Eval(context), len(self._radius)
         p_OC, nhat = validated_numbers(contacts[: 6 * n]).reshape(2, n, 3)
         return p_OC, nhat, contacts[6 * n :] > 0
@@ -346,8 +351,8 @@ class GraspSequencer(LeafSystem):
             presses, wanted = -np.sum(forces @ command.R_WG * nhat, axis=2)
             normals = nhat
             if self._solid is not None:
-                centers, normals = self._solid.distance_and_gradient(p_GT)
-                surface_gaps = centers - self._radius
+                heights, normals = self._solid.distance_and_gradient(p_GT)
+                surface_gaps = heights - self._radius
             if not self._fall.any():  # In the air, the object moves to where the fingers are.
                 p_CoMT_W = (p_GT - self._p_OCoM) @ command.R_WG.T
                 normals_W = normals @ command.R_WG.T
@@ -393,9 +398,9 @@ class GraspSequencer(LeafSystem):
         p_OC, nhat, _ = self._contact_frames(context)
         p_OC, nhat = p_OC[active], nhat[active]
         if self._solid is not None and self._memory.Eval(context).state.phase >= GraspPhase.CLOSE:
-            p_OT = self._tips(context)[active]
-            distances, nhat = self._solid.distance_and_gradient(p_OT)
-            p_OC = p_OT - distances[:, None] * nhat
+            p_GT = self._tips(context)[active]
+            heights, nhat = self._solid.distance_and_gradient(p_GT)
+            p_OC = p_GT - heights[:, None] * nhat
         command: GraspCommand = self._command.Eval(context)
         R_WG, settings = command.R_WG, self._settings  # Contacts and forces are in G.
         # A ramp of duration T over the height h accelerates by at most 6 h / T^2.

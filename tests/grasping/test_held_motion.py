@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drake_pregrasp.grasping.held_motion import COMPLIANCE, INVERTANCE, HeldMotion
+from drake_pregrasp.grasping.held_motion import DAMPING_RATIO, MASS_RATIO, HeldMotion
 
 PERIOD, STIFFNESS, FRICTION = 0.02, 2000.0, 1.0
-D, M = STIFFNESS * PERIOD / COMPLIANCE, STIFFNESS * PERIOD**2 / INVERTANCE
+D, M = STIFFNESS * PERIOD / DAMPING_RATIO, STIFFNESS * PERIOD**2 / MASS_RATIO
 FORCES = st.lists(st.tuples(st.floats(-20, 20), st.floats(-20, 20)), min_size=1, max_size=40)
 
 
