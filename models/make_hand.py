@@ -319,7 +319,7 @@ def main() -> None:
     (FOLDER / "five_finger_palm.sdf").write_text(model, encoding="utf-8")
     fast = {**AXIS_DRIVE, "p": "1.0e+5", "speed": 3.0, "acceleration": 25}
     drives = [drive("x, y, z", fast), drive("yaw", WRIST_DRIVE), drive("", FINGER_DRIVE)]
-    tips = fingertips(azimuths, ", incidence: 0.5", " closing: {speed: 0.5},")
+    tips = fingertips(azimuths, ", incidence: 0.7", " closing: {speed: 0.5},")
     text = "".join([FAST, *drives, "fingertips:\n", tips])
     (FOLDER / "five_finger_fast.yaml").write_text(text, encoding="utf-8")
 

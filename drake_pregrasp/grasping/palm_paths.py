@@ -213,5 +213,6 @@ def clear_times(offset: FloatArray, durations: FloatArray, height: float) -> Flo
     room = c @ BASIS[0] - height - FINENESS * bend[:, None]
     last = np.argmax(room < 0, axis=1)  # All end below the height.
     before, after = room[np.arange(len(last)), [last - 1, last]]
-    clear = np.where(last, last - 1 + before / (before - after), -1.0)
-    return clear / SAMPLES * durations
+    parts = last - 1 + before / np.where(last, before - after, 1.0)
+    clear: FloatArray = np.where(last, parts, -1.0) / SAMPLES * durations
+    return clear

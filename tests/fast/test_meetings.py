@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from throws import chosen, plan_of, random_throws
+from throws import IN_AIR, chosen, plan_of, random_throws, throws_to_a_palm
 
 from drake_pregrasp.grasping.interception import CatchLimit, choose_meeting
 from drake_pregrasp.grasping.palm_paths import moved
@@ -13,7 +13,8 @@ BOTH = choose_meeting, meetings.compiled_choose_meeting
 
 def test_both_choose_the_same_meetings():
     limits = set()
-    for motion, palm, settings in random_throws(200, 3):
+    in_air = [(*thrown, IN_AIR) for thrown in throws_to_a_palm(20, 4)]
+    for motion, palm, settings in [*random_throws(200, 3), *in_air]:
         first, other = [chosen(motion, palm, settings, choose=choose) for choose in BOTH]
         np.testing.assert_allclose(first, other, atol=1e-12)
         limits.add(first.limit)

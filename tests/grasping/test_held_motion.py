@@ -16,7 +16,7 @@ FORCES = st.lists(st.tuples(st.floats(-20, 20), st.floats(-20, 20)), min_size=1,
 
 def moving(turn=0.0):
     V = np.array([[0, 0, turn], [0.05, 0.01, 0]])
-    return HeldMotion(0.0, np.eye(3), np.zeros(3), V, V)
+    return HeldMotion(0.0, np.eye(3), np.zeros(3), V, V, np.zeros(3))
 
 
 def pushed(motion, f, friction=FRICTION):

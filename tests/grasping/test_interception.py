@@ -8,14 +8,25 @@ from conftest import slow
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from throws import FALL, REST, SETTINGS, chosen, on_belt, plan_of, random_throws, with_limits
+from throws import (
+    FALL,
+    IN_AIR,
+    REST,
+    SETTINGS,
+    chosen,
+    on_belt,
+    plan_of,
+    random_throws,
+    throws_to_a_palm,
+    with_limits,
+)
 
 from drake_pregrasp.fast import default_kernels
 from drake_pregrasp.grasping.interception import (
     CatchLimit,
     describe_catch_limit,
 )
-from drake_pregrasp.grasping.palm_paths import Meeting, moved, peaks, quintic
+from drake_pregrasp.grasping.palm_paths import Meeting, clear_times, moved, peaks, quintic
 
 numbers = arrays(float, (3, 3), elements=st.floats(-2, 2))
 
@@ -49,6 +60,40 @@ def test_no_part_of_a_way_is_beyond_its_peaks(offset, motion, duration):
     assert np.max(np.abs(way[:, 2])) <= bound.acceleration[0] + slack[2]
     assert bound.lowest[0] - slack[0] <= np.min(way[:, 0])
     assert np.max(way[:, 0]) <= bound.highest[0] + slack[0]
+
+
+@given(numbers, st.floats(0.05, 3), st.floats(0.01, 0.5))
+def test_a_quintic_is_clear_of_a_height_for_as_long_as_it_says(offset, duration, height):
+    until = clear_times(offset[:, 0], np.array([duration]), height)[0]
+    assert until < duration
+    way = np.array([quintic(offset, t, duration)[0, 0] for t in np.linspace(0, max(until, 0), 50)])
+    assert until < 0 or np.all(way >= height - 1e-9 * (1 + np.max(np.abs(way))))
+
+
+def test_a_quintic_that_only_falls_is_clear_until_it_reaches_the_height():
+    start, T = np.array([1.0, 0.0, 0.0]), 0.7
+    until = clear_times(start, np.array([T]), 0.5)[0]
+    assert until == pytest.approx(T / 2, abs=T / 100)
+    assert clear_times(0.4 * start, np.array([T]), 0.5)[0] < 0
+
+
+@pytest.mark.parametrize("throws", [40, slow(1000)])
+def test_a_fast_carrier_meets_nearly_all_throws_and_the_object_passes_between_the_fingers(throws):
+    kernels, met, direct = default_kernels().hand(), 0, 0
+    slower = with_limits(IN_AIR, speed=np.full(3, 1.35), acceleration=np.full(3, 9.0))
+    for motion, palm in throws_to_a_palm(throws, 5):
+        assert chosen(motion, palm, slower, choose=kernels.choose_meeting).limit
+        choice = chosen(motion, palm, IN_AIR, choose=kernels.choose_meeting)
+        met += choice.limit == CatchLimit.NONE
+        if choice.limit != CatchLimit.NONE or choice.height or choice.over == choice.time:
+            continue
+        direct += 1
+        plan = plan_of(choice, palm, motion)
+        for t in np.linspace(0, plan.time, 100):
+            d = plan.offset_at(t)[0]
+            assert d[2] >= IN_AIR.height - 1e-9 or np.linalg.norm(d[:2]) <= 1e-6
+    assert met >= 0.95 * throws
+    assert direct >= throws / 2
 
 
 def test_a_plan_ends_with_the_object_over_it_and_then_at_it():
