@@ -62,12 +62,11 @@ fingertips:
 """
 FAST = """\
 # The radial hand of five_finger_hand.sdf on faster axes, to catch objects in the air: 3 m/s and
-# 25 m/s2. The toothed-belt axis ELGA-TB-KF-70 of Festo allows 5 m/s and 50 m/s2 with a feed force of
-# 350 N, and 25 m/s2 of the heaviest axis of the model, 11 kg with its motor, take 280 N. Idealised:
-# the beams of a real gantry with 3 m of travel are heavier and bend, and its axes are not turned
-# with the palm.
-# The fingers touch near the plane of the knuckles (incidence), so that an object that comes along
-# the palm's axis passes between their tips.
+# 25 m/s2. The same toothed-belt axis, ELGA-TB-KF-70 of Festo, allows 5 m/s and 50 m/s2 with a feed
+# force of 350 N; 25 m/s2 of the slowest axis of the model, 11 kg with its motor, take 280 N. It is
+# idealised: the beams of a real gantry with 3 m of travel are heavier, and they bend.
+# Fingers touch at most 0.7 rad off the plane across the palm's axis (incidence), so that an object
+# that comes along this axis passes between their tips.
 model: package://drake_pregrasp/five_finger_hand.sdf
 base: !Carrier {joints: [x, y, z, yaw], palm_height: 0.155}
 drives:

@@ -1,7 +1,7 @@
 """Criterion of a held object: how far it moves in each part of a grasp, and how it is shaken.
 
-On the table, an object should stay where it was placed; in the air, where it was in the frame G that
-falls as the object did when the hand met it. In the hand, it should stay where it was at
+On the table, an object should stay where it was placed; in the air, where it was in the frame G,
+which falls as the object did when the hand met it. In the hand, it should stay where it was at
 the start of the lift; in the shake, where it was at the start of the shake. It is held if it is
 never farther from there than `LARGEST_MM` and `LARGEST_DEG`, from the start of the simulation until
 `HOLD_DURATION` after the lift, and then through the shake.
@@ -87,8 +87,8 @@ def held_measures(
     - `moved_before_mm`, `turned_before_deg`, and the same for `closing`, `squeeze`, `lift`, `hold`
       and `shake` (`PARTS`): largest distance of the centre of mass, and largest angle, in that part
       from where the object should be. On the table this is its first pose relative to the
-      turntable; in the air, its pose in G at the meeting; in the hand, its pose in G at the start of
-      the lift, or of the shake. None for a part that was not reached.
+      turntable; in the air, its pose in G at the meeting; in the hand, its pose in G at the start
+      of the lift, or of the shake. None for a part that was not reached.
     - `drift_mm_per_min`: speed at which the object slips in the second half of the hold; None if
       the hold is shorter than two seconds.
     - `slips_after_s`: time in which an object that drifts at that speed slips by 5 mm

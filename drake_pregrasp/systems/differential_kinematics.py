@@ -75,15 +75,15 @@ class DifferentialKinematics(LeafSystem):
     joints. The forces of fingers are limited only if it is connected and finite.
 
     Port `desired_state` emits a vector of 2 nq: q + K_p^-1 (J^T f + tau) with the reference q, the
-    forces f and the torques tau for the hand's own inertia, then the velocities. Joints that are
-    held at these positions by their proportional gains K_p press with f. A finger that would press with more than its limit yields: its desired
-    positions give way to what holds it back.
+    forces f and `inertial_torque` tau, then the velocities. Joints that are held at these positions
+    by their proportional gains K_p press with f. A finger that would press with more than its limit
+    yields: its desired positions give way to what holds it back.
 
     Port `blocked_finger` emits a vector of 1: the index of the finger that stops the hand, `BASE`,
     or `NOT_BLOCKED`, as of the last tick.
 
-    Port `inertial_torque` emits a vector of nq: tau = M(q) dv/dt with the mass matrix M, in N m (and
-    N), as of the last tick; zero unless `feeds_inertia` is set.
+    Port `inertial_torque` emits a vector of nq: M(q) dv/dt with the mass matrix M of the hand,
+    in N m (and N), as of the last tick; zero unless `feeds_inertia` is set.
 
     At each tick the velocities v of the joints minimise the errors of goals J v - V first and of
     the posture second (`joint_velocities`), within the limits of speed and acceleration of the

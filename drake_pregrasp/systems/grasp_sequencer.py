@@ -405,7 +405,7 @@ class GraspSequencer(LeafSystem):
         R_WG, settings = command.R_WG, self._settings  # Contacts and forces are in G.
         # A ramp of duration T over the height h accelerates by at most 6 h / T^2.
         lift = 6 * settings.lift_height / settings.lift_duration**2 * self._lift_axis
-        stop = -(command.V_WO[1] + settings.squeeze_duration * self._fall) / settings.stop_duration
+        stop = -(command.V_WG[1] + settings.squeeze_duration * self._fall) / settings.stop_duration
         jacobians = None
         if self._J_WT.HasValue(context):
             J_WT = validated_numbers(self._J_WT.Eval(context)).reshape(len(active), 3, -1)[active]

@@ -110,8 +110,8 @@ class PoseEstimator(LeafSystem):
 
     Port `V_WO_held` (optional) accepts a `SpatialVelocity`: that with which a hand moves O in W;
     not finite while no hand holds the object. A change of this velocity changes the estimated one
-    by as much; measurements still correct it. Out-of-sequence measurements from before a change are
-    refused.
+    by as much; measurements still correct it, and gravity no longer accelerates the object.
+    Out-of-sequence measurements from before a change are refused.
 
     Port `point_cloud` (optional) accepts a `PointCloud` in W, in place of measured poses: points on
     the surface of the object. The pose predicted for their time is aligned to them (`align_pose`);
@@ -197,8 +197,7 @@ class PoseEstimator(LeafSystem):
         kernels = kernels or default_kernels()
         self._settings = replace(settings, step=kernels.filter_step)
         self._merged, self._noise = kernels.merged, settings.noise
-        held = replace(settings.noise, gravity=0.0)  # The hand carries the weight.
-        self._held_settings = replace(self._settings, noise=held)
+        self._held_settings = replace(self._settings, noise=replace(self._noise, gravity=0.0))
         self._seen_object = None
         if object_solid is not None:
             assumed = config.point_std, config.fewest_points, config.rests_on_table
@@ -269,9 +268,8 @@ class PoseEstimator(LeafSystem):
         if self._V_WO_held.HasValue(context):
             V_held = self._twist(context, self._merged(track.newest))
             track = track.with_twist(V_held, time - self._period / 2)
-        settings = self._settings
-        if self._noise.gravity and self._is_held(context):
-            settings = self._held_settings
+        is_carried = self._noise.gravity and self._is_held(context)
+        settings = self._held_settings if is_carried else self._settings
         track = update_track(track, self._measured(context, track), time, settings)
         return track, self._merged(track.newest)
 
@@ -332,8 +330,7 @@ class PoseEstimator(LeafSystem):
         if status == TrackingStatus.LOST:  # The pose stays where it was lost.
             since = track.confirmed_at + self._period + config.lost_after - belief.time
         gravity = self._noise.gravity
-        if gravity and self._is_held(context):
-            gravity = 0.0
+        gravity *= not (gravity and self._is_held(context))
         R_WO, p_WCoM, V_WO = predicted_mean(belief, self._ahead(since), gravity)
         p_CoMO_W = -R_WO @ self._p_OCoM
         if not max(np.abs(p_WCoM + p_CoMO_W).max(), np.abs(V_WO).max()) <= FARTHEST:

@@ -105,7 +105,8 @@ def test_in_the_air_an_object_should_stay_in_the_frame_that_falls_with_it(part):
     in_air = {"is_carried": False, "X_WD": still}
     assert measures(falls=False, **in_air)[f"moved_{part}_mm"] > LARGEST_MM
     found = measures(falls=True, **in_air)
-    assert found["held"] and found[f"moved_{part}_mm"] == pytest.approx(0, abs=1e-4)
+    assert found["held"]
+    assert found[f"moved_{part}_mm"] == pytest.approx(0, abs=1e-4)
     assert not measures(mm=9.0, since=STARTS[part] + 0.1, falls=True, **in_air)["held"]
 
 

@@ -123,3 +123,15 @@ def test_the_frame_stays_within_a_distance_of_the_estimate(x, y, distance):
     assert np.linalg.norm(tied.p_WG - p_W) <= distance + 1e-12
     if np.linalg.norm(p_W) <= distance:
         np.testing.assert_array_equal(tied.p_WG, 0)
+
+
+@given(st.floats(0, 1), st.floats(0.05, 0.5))
+def test_in_the_air_the_frame_falls_and_stops_along_its_velocity_within_v_squared_over_2a(t, T):
+    fall = np.array([0.0, 0.0, -9.81])
+    first = replace(moving(), a_W=fall)
+    now, V = first.at(t), first.V_WG[1]
+    np.testing.assert_allclose(now.p_WG, t * V + t * t / 2 * fall)
+    np.testing.assert_allclose(now.V_WG[1], V + t * fall)
+    speed = np.linalg.norm(now.V_WG[1])
+    way, a = now.stopping(t + T, T).p_WG - now.p_WG, speed / T
+    np.testing.assert_allclose(way, now.V_WG[1] / speed * speed**2 / (2 * a))

@@ -433,3 +433,27 @@ def test_a_joint_at_its_limit_stays_there():
     q, v = hand.array("desired_state").reshape(2, NQ)
     assert q[5] == upper[5]
     assert v[5] == 0
+
+
+def test_the_torques_that_accelerate_the_hand_are_commanded_and_told():
+    aside = hand_goals(p_WT=TIPS + np.array([0.0, 0.02, 0.0]), p_WL=P_WO)
+    lagging, fed = (
+        Driven(
+            make_kinematics(initial=HOME, feeds_inertia=feeds),
+            goals=aside,
+            command=grasp_command(AFAR),
+        )
+        for feeds in (False, True)
+    )
+    for hand in (lagging, fed):
+        hand.advance(CONTROL_PERIOD / 2)  # The first tick is over.
+    (q, v), (q_fed, v_fed) = (hand.array("desired_state").reshape(2, NQ) for hand in (lagging, fed))
+    plant = HAND.kinematics.plant
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, HOME)
+    torques = plant.CalcMassMatrix(context) @ v / CONTROL_PERIOD
+    assert np.max(np.abs(torques)) > 0.01
+    np.testing.assert_array_equal(v_fed, v)
+    np.testing.assert_allclose(fed.array("inertial_torque"), torques, atol=1e-9)
+    np.testing.assert_allclose(HAND.kinematics.stiffness * (q_fed - q), torques, atol=1e-6)
+    np.testing.assert_array_equal(lagging.array("inertial_torque"), 0)

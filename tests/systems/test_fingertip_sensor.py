@@ -109,3 +109,12 @@ def test_a_joint_without_a_drive_is_named():
 def test_a_model_instance_that_is_not_there_is_named():
     with pytest.raises(InvalidArgumentError, match="no model instance 'foot'"):
         HandKinematics(HAND.kinematics.plant, ["foot::tip"])
+
+
+def test_torques_that_accelerate_the_hand_are_no_forces_of_the_fingertips():
+    inertial = 0.1 * np.cos(np.arange(NQ))
+    inputs = {"hand_state": np.append(Q, 0 * Q), "inertial_torque": inertial}
+    sensor = Driven(FingertipSensor(HAND.kinematics), net_actuation=inertial, **inputs)
+    np.testing.assert_allclose(sensor.array("f_T_W"), 0, atol=1e-12)
+    sensor.fix(net_actuation=inertial + joint_torques(FORCES))
+    np.testing.assert_allclose(sensor.array("f_T_W").reshape(N, 3), FORCES, atol=1e-6)

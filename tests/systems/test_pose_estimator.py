@@ -156,6 +156,18 @@ def test_a_lift_that_the_estimator_is_told_of_is_no_surprise(is_told):
     assert (max(errors) < 2e-3) == is_told
 
 
+@pytest.mark.parametrize("is_told", [True, False])
+def test_an_object_that_a_hand_holds_does_not_fall(is_told):
+    estimator = first_seen(manoeuvre_rate=0.0, gravity=9.81)
+    held = SpatialVelocity.Zero() if is_told else SpatialVelocity(np.full(6, np.nan))
+    speeds = []
+    for tick in range(60):
+        estimator.at(PERIOD * tick, X_WO_measured=X_0, V_WO_held=held)
+        speeds.append(np.linalg.norm(estimator.eval("V_WO_estimated").translational()))
+        estimator.update()
+    assert (max(speeds[20:]) < 1e-3) == is_told
+
+
 COAST, LOST = 0.1, 0.5
 NAN = RigidTransform([np.nan, 0, 0])
 

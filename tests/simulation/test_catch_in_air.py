@@ -1,0 +1,44 @@
+"""A hand catches what is tossed to it, if its certificate says so."""
+
+import numpy as np
+import pytest
+from simulation_runs import points, run_log, run_text
+
+from drake_pregrasp.grasping.grasp_state import GraspPhase
+from drake_pregrasp.grasping.interception import CatchLimit
+
+pytestmark = pytest.mark.slow
+
+
+def test_a_tossed_ball_is_caught_and_comes_to_rest_within_the_travel(tmp_path):
+    result = run_text("catch_toss", "simulation_duration: 1.4", tmp_path)
+    grasp, log = result.summary["grasp"], run_log(result, "grasp.csv")
+    assert (grasp["phase"], grasp["gave_up"]) == ("lift", None)
+    assert grasp["link_forces"]["object"] == 0.0
+    assert max(grasp[f"moved_{part}_mm"] for part in ("closing", "squeeze", "lift")) < 5.0
+    phase, time, p_WO = log["phase"], log["time"], points(log, "wo")
+    assert np.sum(phase == GraspPhase.CLOSE) * 0.002 == pytest.approx(0.1, abs=0.03)
+    # Until the touch it falls freely; then it stops along its velocity, within v²/2a = v T/2.
+    touched = np.argmax(phase == GraspPhase.SQUEEZE) - 5
+    fallen = 0.4 + 4.005 * time[touched] - 9.81 / 2 * time[touched] ** 2
+    flown = [1.786 * time[touched] - 1.0, fallen]
+    np.testing.assert_allclose(p_WO[touched, [0, 2]], flown, atol=2e-3)
+    gripped = np.argmax(phase == GraspPhase.LIFT)
+    v = (p_WO[gripped] - p_WO[gripped - 5]) / (time[gripped] - time[gripped - 5])
+    stopped = np.argmin(np.abs(time - time[gripped] - 0.2))
+    assert np.linalg.norm(v) > 2.5
+    np.testing.assert_allclose(p_WO[stopped] - p_WO[gripped], 0.1 * v, atol=0.03)
+    still = np.linalg.norm(np.diff(p_WO[stopped + 25 :], axis=0), axis=1) / 0.002
+    assert np.max(still) < 0.2  # The lift moves it by at most 0.15 m/s.
+
+
+def test_what_the_certificate_refuses_the_hand_does_not_try(tmp_path):
+    text = "motion: !Toss {position: [-1.0, 0.0, 0.4], velocity: [5.0, 0.0, 3.0]}"
+    result = run_text("catch_toss", f"{text}, simulation_duration: 0.5", tmp_path)
+    grasp, log = result.summary["grasp"], run_log(result, "grasp.csv")
+    assert grasp["cannot_meet"] == "the palm is too slow"
+    assert np.all(log["phase"] == GraspPhase.APPROACH)
+    assert set(log["catch_limit"]) <= {CatchLimit.SIGHT, CatchLimit.SPEED, CatchLimit.REACH}
+    palm = np.mean([points(log, f"tip{finger}") for finger in range(5)], axis=0)
+    assert np.max(np.ptp(palm, axis=0)) < 0.02  # The fingertips move to their goals.
+    assert set(grasp["link_forces"].values()) == {0.0}
