@@ -67,7 +67,8 @@ class Arm:
     home: list[float] = field(default_factory=list, metadata={"required": True, **_ANGLE})
 
     # Position of the palm over the object's centre of mass at yaw 0, along the axes of W, in
-    # metres.
+    # metres; higher for objects so high that the palm would come nearer than `top_clearance` to
+    # their top.
     palm_position: list[float] = field(default_factory=zeros, metadata={"required": True, **POINT})
 
     # Orientation of the palm at yaw 0, as roll, pitch and yaw in W, in radians.
@@ -76,6 +77,9 @@ class Arm:
     # Whether the heights of the palm and of the fingers' reach are over the object's top, and not
     # over its centre of mass.
     over_top: bool = False
+
+    # Least height of the palm over the object's top, in metres, without `over_top`.
+    top_clearance: float = field(default=0.05, metadata={"at_least": 0, "at_most": 10})
 
 
 BaseConfig = Carrier | Arm
@@ -237,12 +241,11 @@ class HandDescription:
         Args:
             top: Height of the object's top over its centre of mass, in metres.
         """
+        rise = max(0.0, top + self.base.top_clearance - self.palm_height)
         if isinstance(self.base, Carrier):
-            height = max(self.base.palm_height, top + self.base.top_clearance)
-            tips = [tip.raised(height - self.base.palm_height) for tip in self.fingertips]
-            return replace(self, base=replace(self.base, palm_height=height), fingertips=tips)
-        if not self.base.over_top:
-            return self
-        x, y, z = self.base.palm_position
-        base = replace(self.base, palm_position=[x, y, z + top], over_top=False)
-        return replace(self, base=base, fingertips=[tip.raised(top) for tip in self.fingertips])
+            base: BaseConfig = replace(self.base, palm_height=self.palm_height + rise)
+        else:
+            rise = top if self.base.over_top else rise
+            x, y, z = self.base.palm_position
+            base = replace(self.base, palm_position=[x, y, z + rise], over_top=False)
+        return replace(self, base=base, fingertips=[tip.raised(rise) for tip in self.fingertips])
