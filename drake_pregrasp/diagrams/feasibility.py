@@ -43,17 +43,38 @@ def check_palm(
         yaw: Yaw of the palm over the first pose, in radians.
 
     Raises:
-        InvalidArgumentError: If an arm cannot hold the palm.
+        InvalidArgumentError: If an arm cannot hold the palm, or a carrier cannot over the first
+            pose.
     """
     axis, settings = hand.X_LA.rotation().matrix()[:, 2], config.make_settings()
-    lift = settings.lift_height * config.lift_axis
+    places = np.zeros(3), settings.approach_height * axis, settings.lift_height * config.lift_axis
+    for place in places:
+        if problem := travel_problem(hand, poses[0] @ p_OCoM + place):
+            raise InvalidArgumentError(problem)
     first, *_ = turns = [RollPitchYaw(X_WO.rotation()).yaw_angle() for X_WO in poses]
     for X_WO, turn in zip(poses, turns, strict=True):
         # The palm turns with the object.
         turned = yaw + (turn - first) * axis[2]
         turned = float(np.clip(turned, *hand.yaw_range(config.yaw_range)))
-        for place in (np.zeros(3), settings.approach_height * axis, lift):
+        for place in places:
             hand.home(X_WO @ p_OCoM + place, turned)
+
+
+def travel_problem(hand: HandModel, p_WL: FloatArray) -> str:
+    """Returns which slide of a carrier ends before it holds the palm over a point; empty if none.
+
+    Args:
+        hand: Model of the hand.
+        p_WL: The point in W, shape (3,), in metres.
+    """
+    if isinstance(hand.base, PalmCarrier):
+        q, model = hand.home(p_WL, 0.0), hand.kinematics
+        for name, axis in zip(hand.base.names[:_WRIST], hand.base.joints[:_WRIST], strict=True):
+            low, high = model.lower[axis], model.upper[axis]
+            if not low <= q[axis] <= high:
+                there = f"joint {name} would be at {q[axis]:.3g} m"
+                return f"{there}, its range is {low:g} to {high:g} m"
+    return ""
 
 
 def check_carrier(

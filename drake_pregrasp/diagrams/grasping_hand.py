@@ -23,6 +23,7 @@ from drake_pregrasp.diagrams.approaches import (
     table_height,
 )
 from drake_pregrasp.diagrams.feasibility import check_torques
+from drake_pregrasp.diagrams.hand_arguments import check_grasp_arguments, check_plant
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_instances import (
     HandInstances,
@@ -48,8 +49,6 @@ from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.systems.hand_kinematics import hand_links
 from drake_pregrasp.systems.hand_scene import separate_fingers
 from drake_pregrasp.systems.sources import ContactWeights, MovingObstacles, MovingSolid
-
-_DEEPEST = 1e-3  # Largest depth of an object in fixed solids, in metres: contact is deep by less.
 
 
 class GoalInputs(NamedTuple):
@@ -214,23 +213,25 @@ def AddHandController(
     Raises:
         NoGraspError: If contacts are to be chosen, but there is no grasp, or the torques of the
             hand's joints do not hold the weight.
-        InvalidArgumentError: If settings do not go together, the hand and its model, the robot in
-            the plant, or given contacts and the fingers, do not match, an arm cannot hold the palm
-            over the object, or the object is inside of `fixed`.
+        InvalidArgumentError: If an argument has another type or is out of its range, settings do
+            not go together, the hand and its model, the robot in the plant, or given contacts and
+            the fingers, do not match, an arm cannot hold the palm over the object, or the object is
+            inside of `fixed`.
     """
     config = config or GraspConfig()
+    check_plant(builder, plant, scene_graph, body)
+    grasp = {"mass": mass, "X_WO": X_WO, "p_OC": p_OC, "fixed": fixed}
+    check_grasp_arguments(hand, surface, planner, config, **grasp)
     instances = HandInstances(plant, robot)
     for key, problem in start_grasp.grasp_problems(
         config, planner, hand, mass=mass, time_step=plant.time_step()
     ):
         raise InvalidArgumentError(f"{key}: {problem}")
-    _check_place(plant, surface, X_WO, fixed)
-    solid = object_solid or MeshSolid.of(surface.mesh)
+    grasp["solid"] = solid = object_solid or MeshSolid.of(surface.mesh)
     # Whoever added the robot to the plant has seen warnings about its model.
     upright = HandModel(hand, config.yaw_range, model=read_model(hand.model))
-    place = {"solid": solid, "mass": mass, "X_WO": X_WO, "fixed": fixed, "p_OC": p_OC}
     X_WB = base_pose(upright, instances)
-    model, start = _best_approach(upright, surface, planner, config, X_WB=X_WB, **place)
+    model, start = _best_approach(upright, surface, planner, config, X_WB=X_WB, **grasp)
     planner = start_grasp.hand_planner(planner, config, model.description)
     start_grasp.check_room(model.description, start.has_contact)
     check_torques(model, config, surface, start, X_WO, mass)
@@ -268,20 +269,6 @@ def AddHandController(
     for port, name in zip(measured, ("hand_state", "net_actuation"), strict=True):
         builder.Connect(port, added.controller.GetInputPort(name))
     return added
-
-
-def _check_place(
-    plant: MultibodyPlant, surface: ObjectSurface, X_WO: RigidTransform, fixed: Sequence[Solid]
-) -> None:
-    """Checks that an object is not inside fixed solids, and warns of a plant with late outputs."""
-    p_WV = (X_WO @ np.asarray(surface.mesh.vertices).T).T
-    deepest = max((-float(np.min(solid.distance(p_WV))) for solid in fixed), default=0.0)
-    if deepest > _DEEPEST:
-        problem = f"the object is {1e3 * deepest:.3g} mm deep in the table or another fixed solid"
-        raise InvalidArgumentError(f"X_WO: {problem}; place it on top")
-    if plant.has_sampled_output_ports():
-        problem = "the controller sees the joints one time step late, and may throw the object over"
-        warnings.warn(f"plant: use_sampled_output_ports is set: {problem}", stacklevel=3)
 
 
 def _prepare_contact(
@@ -337,10 +324,12 @@ def choose_approach(
         InvalidArgumentError: If the hand and its model, or given contacts and the fingers, do not
             match, or the hand has the orientation of none of the approaches.
     """
-    config, solid = config or GraspConfig(), object_solid or MeshSolid.of(surface.mesh)
+    config = config or GraspConfig()
+    grasp = {"mass": mass, "X_WO": X_WO, "p_OC": p_OC, "fixed": fixed}
+    check_grasp_arguments(hand, surface, planner, config, **grasp)
+    grasp["solid"] = object_solid or MeshSolid.of(surface.mesh)
     upright = HandModel(hand, config.yaw_range)
-    place = {"solid": solid, "mass": mass, "X_WO": X_WO, "fixed": fixed, "p_OC": p_OC}
-    return _best_approach(upright, surface, planner, config, X_WB=X_WB, **place)
+    return _best_approach(upright, surface, planner, config, X_WB=X_WB, **grasp)
 
 
 def _best_approach(
@@ -352,7 +341,7 @@ def _best_approach(
     X_WB: RigidTransform | None,
     X_WO: RigidTransform,
     fixed: Sequence[Solid],
-    **place: Any,
+    **grasp: Any,
 ) -> Approach:
     hand, source = upright.description, upright.model
     R_WO, hands, table = X_WO.rotation().matrix(), [], table_height(fixed)
@@ -370,7 +359,7 @@ def _best_approach(
     return best_approach(
         hands,
         lambda model: start_grasp.start_contacts_of(
-            model, config, planner, surface, X_WO=X_WO, fixed=fixed, **place
+            model, config, planner, surface, X_WO=X_WO, fixed=fixed, **grasp
         ),
     )
 

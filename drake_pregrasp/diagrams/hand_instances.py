@@ -29,7 +29,8 @@ class HandInstances:
             of the instance does not count where only one has the element.
 
     Raises:
-        InvalidArgumentError: If the plant has no such model instance.
+        InvalidArgumentError: If the list is empty, names a model instance twice, or one that the
+            plant does not have.
     """
 
     def __init__(
@@ -41,8 +42,14 @@ class HandInstances:
     ) -> None:
         if isinstance(instances, ModelInstanceIndex):
             instances = [instances]
+        is_list = isinstance(instances, Sequence) and len(instances) > 0
+        if not is_list or not all(isinstance(index, ModelInstanceIndex) for index in instances):
+            problem = f"{instances!r} must be a model instance, or a list of one at least"
+            raise InvalidArgumentError(f"robot: {problem}, as Drake's parser returns it")
         self.plant, self.instances, self._are_named = plant, list(instances), are_named
         there = [ModelInstanceIndex(i) for i in range(plant.num_model_instances())]
+        if len(set(map(int, self.instances))) < len(self.instances):
+            raise InvalidArgumentError("robot: a model instance is listed twice")
         for index in self.instances:
             if index not in there:
                 titles = ", ".join(f"{int(i)} {plant.GetModelInstanceName(i)}" for i in there)

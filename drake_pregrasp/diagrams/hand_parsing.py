@@ -189,6 +189,8 @@ def _complete(
     yaw_range: tuple[float, float],
     X_WB: RigidTransform | None,
 ) -> None:
+    if hand.plant.is_finalized():
+        raise InvalidArgumentError("plant: it is finalized already; complete the hand before")
     try:
         with failures_as_errors():
             assemble_hand(hand, description, X_WB)
@@ -213,6 +215,8 @@ def _parse(plant: MultibodyPlant, model: CheckedModel, *, warns: bool) -> list[M
             instances = parser.AddModelsFromString(model.text, model.kind)
     except (RuntimeError, ValueError) as error:
         problem = first_line(error)
+        if "pos_lower_limits" in problem:  # A condition of Drake's, which names no joint.
+            problem = "a joint has a lower limit above its upper one"
         raise InvalidArgumentError(f"model: {path} is no model of a hand: {problem}") from error
     if warns and not is_own(path):
         for line in model.left_out:

@@ -12,6 +12,7 @@ from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.config.hand_description import Arm, BaseConfig, Carrier
 from drake_pregrasp.diagrams.hand_instances import HandInstances
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.systems.hand_kinematics import moving_joints
 from drake_pregrasp.systems.palm_frames import pose_error, turned_frame
 
 _STARTS = 6  # Postures from which an arm searches its initial pose: home, and random ones.
@@ -164,6 +165,7 @@ class PalmArm:
         self.joints, self._X_LA = [joint.position_start() for joint in joints], X_LA
         palm, plant = hand.frame(config.palm, "base.palm"), hand.plant
         self.palm_frame = palm.scoped_name().get_full()
+        _check_carried(config, hand, joints, palm)
         self._plant = plant
         self.kinematics = arm = ArmKinematics(plant, palm, np.array(self.joints))
         check_home("base.home", config.joints, config.home, arm.lower, arm.upper)
@@ -235,12 +237,28 @@ def make_base(
 
 def _base_joints(hand: HandInstances, names: list[str]) -> list[Joint]:
     joints = [hand.joint(name, "base.joints") for name in names]
-    for joint in joints:
+    for place, joint in enumerate(joints):
+        if any(joint is other for other in joints[:place]):
+            raise InvalidArgumentError(f"base.joints: {joint.name()} is listed twice")
         if joint.num_positions() != 1:
             raise InvalidArgumentError(
                 f"base.joints: {joint.name()} is {joint.type_name()}; it must slide or turn"
             )
     return joints
+
+
+def _check_carried(config: Arm, hand: HandInstances, joints: list[Joint], palm: Frame) -> None:
+    """Raises an error unless all joints of an arm, and no others, move the palm."""
+    moves = moving_joints(hand.plant, palm)
+    for joint in joints:
+        if not moves[joint.velocity_start()]:
+            problem = f"{joint.name()} does not move the palm {config.palm}"
+            raise InvalidArgumentError(f"base.joints: {problem}; is the hand welded to the arm?")
+        moves[joint.velocity_start()] = False
+    for joint in hand.moving_joints():
+        if moves[joint.velocity_start()]:
+            problem = f"{joint.name()} moves {config.palm}, and is not one of base.joints"
+            raise InvalidArgumentError(f"base.palm: {problem}")
 
 
 def check_home(

@@ -76,6 +76,7 @@ def base_pose(hand: HandModel, robot: HandInstances) -> RigidTransform:
 def _problems(hand: HandModel, robot: HandInstances) -> Iterator[str]:
     """Yields what the plant has, and what the model of the description has instead."""
     plant = robot.plant
+    own, theirs = hand.instances.moving_joints(), matching_joints(hand, robot)
     if np.any(plant.gravity_field().gravity_vector()):
         for instance in robot.instances:
             if plant.is_gravity_enabled(instance):
@@ -88,7 +89,6 @@ def _problems(hand: HandModel, robot: HandInstances) -> Iterator[str]:
     for actuator in map(plant.get_joint_actuator, plant.GetJointActuatorIndices()):
         if actuator.has_controller():
             drives[actuator.joint().index()] = actuator
-    own, theirs = hand.instances.moving_joints(), matching_joints(hand, robot)
     for i, (joint, there) in enumerate(zip(own, theirs, strict=True)):
         name = robot.scoped_name(there)
         if there.type_name() != joint.type_name():

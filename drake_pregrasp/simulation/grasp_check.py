@@ -8,8 +8,8 @@ from drake_pregrasp.config.hand_description import Carrier, HandDescription
 from drake_pregrasp.config.object_config import PoseStream, Toss, is_free_flight
 from drake_pregrasp.diagrams import start_grasp
 from drake_pregrasp.diagrams.approaches import least_side_height
+from drake_pregrasp.diagrams.feasibility import travel_problem
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.diagrams.palm_base import PalmCarrier
 from drake_pregrasp.errors import Problems, errors_at
 from drake_pregrasp.simulation.scenario import Scenario
 
@@ -78,11 +78,5 @@ def model_problems(grasp: GraspConfig, hand: HandModel) -> Problems:
         yield "grasp.side_height", f"{problem}, so that the hand clears the table"
     with errors_at("grasp.wrist_range"):
         hand.yaw_range(grasp.yaw_range)
-    if grasp.meeting.wait_at and isinstance(hand.base, PalmCarrier):
-        model, axes = hand.kinematics, hand.base.joints[:3]
-        q = hand.base.posture(model.lower, np.array(grasp.meeting.wait_at), 0.0)[axes]
-        for axis, name in enumerate(hand.base.names[:3]):
-            low, high = model.lower[axes[axis]], model.upper[axes[axis]]
-            if not low <= q[axis] <= high:
-                problem = f"joint {name} would be at {q[axis]:.3g} m, its range is {low:g} to"
-                yield "grasp.meeting.wait_at", f"{grasp.meeting.wait_at}: {problem} {high:g} m"
+    if (place := grasp.meeting.wait_at) and (problem := travel_problem(hand, np.array(place))):
+        yield "grasp.meeting.wait_at", f"{place}: {problem}"
