@@ -153,8 +153,8 @@ class GraspSequencer(LeafSystem):
     Port `grasp_report` emits a vector of 4: the `GraspPhase`, its start in seconds, the `GiveUp`
     and its detail (`describe_give_up`).
 
-    Port `V_WO_held` emits a `SpatialVelocity`: that of O in W while the fingers hold the object,
-    without the estimate; else NaN.
+    Port `V_WO_held` emits a `SpatialVelocity`: that with which the hand moves O in W while the
+    fingers hold the object, as it is commanded, and not as `V_WO_estimated` has it; else NaN.
 
     Args:
         config: Configuration of the grasp; `GraspConfig()` by default.

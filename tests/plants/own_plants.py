@@ -163,11 +163,23 @@ OBJECTS = {
     "bottle": OwnObject(lambda: dp.load_shape(resource_folder("models") / "bottle.obj"), 0.25),
 }
 
-BASES = {"stands": RigidTransform(), "moved": pose([0.05, -0.05, 0.4], [0.0, 0.0, 40.0])}
-"""Poses in W of the ground of the arm, which a carrier takes without its turn.
 
-The top of the object's table has the same height.
-"""
+class Base(NamedTuple):
+    """Where a robot stands beside a table.
+
+    Attributes:
+        X_WB: Pose in W of the ground of the arm, which a carrier takes without its turn.
+        table: Height of the top of the table in W, in metres.
+    """
+
+    X_WB: RigidTransform
+    table: float
+
+
+BASES = {
+    "stands": Base(RigidTransform(), 0.0),
+    "moved": Base(pose([0.05, -0.05, 0.4], [0.0, 0.0, 40.0]), 0.4),
+}
 
 
 @dataclass(frozen=True)
@@ -299,7 +311,7 @@ HOLD = 2.0
 def grasp(
     robot: OwnRobot,
     thing: OwnObject,
-    X_WB: RigidTransform,
+    base: Base,
     *,
     friction: float = 0.7,
     planned_friction: float = 0.5,
@@ -309,14 +321,14 @@ def grasp(
     Args:
         robot: The robot.
         thing: The object, in the middle of a table.
-        X_WB: Pose in W of the ground of the robot, at the height of the table.
+        base: Where the robot stands.
         friction: Coulomb's coefficient of the object.
         planned_friction: That with which the grasp is planned.
 
     Raises:
         NoGraspError: If there is no grasp.
     """
-    hand, shape, height = robot.description, thing.make_shape(), float(X_WB.translation()[2])
+    hand, shape, height = robot.description, thing.make_shape(), base.table
     builder, config = DiagramBuilder(), dp.GraspConfig(planned_friction=planned_friction)
     settings = MultibodyPlantConfig(time_step=0.01, use_sampled_output_ports=False)
     plant, scene_graph = AddMultibodyPlant(settings, builder)
@@ -326,7 +338,7 @@ def grasp(
     X_WT = RigidTransform([0.0, 0.0, height - 0.02])
     plant.RegisterCollisionGeometry(plant.world_body(), X_WT, Box(0.4, 0.4, 0.04), "table", table)
     body = dp.add_object(plant, shape, thing.mass, friction=friction)
-    instances = robot.add(plant, X_WB)
+    instances = robot.add(plant, base.X_WB)
     plant.Finalize()
     X_WO = RigidTransform([0.0, 0.0, height - float(np.min(shape.mesh.vertices[:, 2]))])
     plant.SetDefaultFloatingBaseBodyPose(body, X_WO)

@@ -57,13 +57,10 @@ def result_of(case: Case, folder: Path) -> Row:
     """
     logging.getLogger("drake").setLevel(logging.ERROR)  # Hundreds of warnings about these models.
     start = time.process_time()
-    robot, thing, X_WB = (
-        own_robot(case.arm, case.hand, folder),
-        OBJECTS[case.thing],
-        BASES[case.base],
-    )
+    robot = own_robot(case.arm, case.hand, folder)
+    thing, base = OBJECTS[case.thing], BASES[case.base]
     try:
-        outcome = grasp(robot, thing, X_WB)
+        outcome = grasp(robot, thing, base)
     except NoGraspError as error:
         row = Row("refused", str(error), _without(error.lack, case, robot, folder))
     else:
@@ -79,7 +76,7 @@ def result_of(case: Case, folder: Path) -> Row:
 
 def _without(lack: Lack, case: Case, robot: OwnRobot, folder: Path) -> str:
     """Returns what a refused grasp becomes without what it is refused for."""
-    thing, X_WB, friction = OBJECTS[case.thing], BASES[case.base], {}
+    thing, base, friction = OBJECTS[case.thing], BASES[case.base], {}
     match lack:
         case Lack.ARM:
             robot = own_robot(CARRIER, case.hand, folder)
@@ -91,7 +88,7 @@ def _without(lack: Lack, case: Case, robot: OwnRobot, folder: Path) -> str:
         case _:
             return "not tried"
     try:
-        return "held" if grasp(robot, thing, X_WB, **friction).is_held else "not refused"
+        return "held" if grasp(robot, thing, base, **friction).is_held else "not refused"
     except NoGraspError as error:
         return f"refused for lack of {error.lack}"
 
