@@ -333,7 +333,7 @@ class GraspState:
 def state_unpacker(num_fingers: int) -> Callable[[FloatArray], GraspState]:
     """Returns the inverse of `GraspState.to_vector` for n fingers."""
     # Only types and shapes matter: integer settings would round the unpacked values.
-    any_settings = GraspSettings(*np.zeros(13).tolist())
+    any_settings = GraspSettings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     return unpacker(GraspState.first(num_fingers, any_settings))
 
 
