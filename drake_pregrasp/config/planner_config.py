@@ -146,6 +146,8 @@ def filter_noise(config: EstimatorConfig) -> PoseFilterNoise:
         manoeuvre_acceleration=config.manoeuvre_acceleration,
         manoeuvre_angular_acceleration=config.manoeuvre_angular_acceleration,
         manoeuvre_rate=config.manoeuvre_rate,
+        bias=config.bias_std,
+        bias_time=config.bias_time,
     )
 
 

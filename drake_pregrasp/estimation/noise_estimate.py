@@ -102,6 +102,9 @@ class NoiseEstimate:
             return NoiseEstimate(poses, self.squares)
         weights = 1 / np.multiply.reduce(times[:, None] - times + _EACH, axis=1)
         parts = (weights @ poses[:, 1:]).reshape(2, 3)
-        expected = 3 * (weights @ weights) * variances
+        # Directions that are measured in part have larger variances than the assumed ones.
+        assumed = np.repeat(variances, 3)
+        ratios = (np.linalg.inv(measurement.directions) ** 2 @ assumed / assumed).reshape(2, 3)
+        expected = (weights @ weights) * np.add.reduce(ratios, axis=1) * variances
         square = np.add.reduce(parts * parts, axis=1) / expected
         return NoiseEstimate(poses, np.concatenate([self.squares[1:], square[None]]))

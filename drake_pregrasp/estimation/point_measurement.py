@@ -73,8 +73,11 @@ class SeenObject:
         else:
             dt = max(0.0, time - belief.time)
             R_WO, p_WCoM, _ = predicted_mean(belief, dt, self.noise.gravity)
+            p_WO = p_WCoM - R_WO @ self.p_OCoM
+            if belief.b_W.size:
+                p_WO = p_WO + belief.b_W[0]
             points = SurfacePoints.seen(p_WQ, self.point_std)
-            found = self.align(grid, points, R_WO, p_WCoM - R_WO @ self.p_OCoM, std)
+            found = self.align(grid, points, R_WO, p_WO, std)
         if not (found.fits >= least and np.isfinite(found.p_WO).all()):
             return NO_MEASUREMENT
         return measured_part(time, found, std)

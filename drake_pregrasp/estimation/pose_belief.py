@@ -19,7 +19,7 @@ from drake_pregrasp.geometry.rotations import rotation_matrix, skew
 _POSITIVE = (math.ulp(0.0), "finite and above 0")
 _NOT_NEGATIVE = (0.0, "finite and at least 0")
 _FINITE = (-sys.float_info.max, "finite")
-_LIMITS = {"position": _POSITIVE, "orientation": _POSITIVE, "gravity": _FINITE}
+_LIMITS = dict.fromkeys(("position", "orientation", "bias_time"), _POSITIVE) | {"gravity": _FINITE}
 
 
 @dataclass(frozen=True)
@@ -43,10 +43,13 @@ class PoseFilterNoise:
         manoeuvre_angular_acceleration: As `angular_acceleration`, of the liveliest model.
         manoeuvre_rate: Number of times per second that the model is drawn anew; 0 for the quietest
             model alone.
+        bias: Standard deviation of the offset of measured positions, per axis, in metres; 0 for
+            none.
+        bias_time: Time in which the correlation of the offset falls to 1/e, in seconds, above 0.
 
     Raises:
-        InvalidArgumentError: If a value is not finite, if `position` or `orientation` is not above
-            0, or if another value but `gravity` is below 0.
+        InvalidArgumentError: If a value is not finite, if `position`, `orientation` or `bias_time`
+            is not above 0, or if another value but `gravity` is below 0.
     """
 
     position: float
@@ -59,6 +62,8 @@ class PoseFilterNoise:
     manoeuvre_acceleration: float = 0.0
     manoeuvre_angular_acceleration: float = 0.0
     manoeuvre_rate: float = 0.0
+    bias: float = 0.0
+    bias_time: float = 30.0
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -83,6 +88,18 @@ class PoseFilterNoise:
     def variances(self) -> FloatArray:
         """Variances of a measured orientation and position, shape (2,), in rad² and m²."""
         return np.square([self.orientation, self.position])
+
+    def bias_step(self, dt: float) -> tuple[float, float]:
+        """Returns what is left of the offset after dt, and the variance that is new.
+
+        The offset is a Gauss-Markov process of first order: b(t + dt) = a b(t) + n with
+        a = exp(-dt / bias_time), and with the variance (1 - a²) bias² of n.
+
+        Args:
+            dt: Length of the step, in seconds.
+        """
+        kept = math.exp(-dt / self.bias_time)
+        return kept, (1 - kept**2) * self.bias**2
 
     @cached_property
     def liveliest(self) -> "PoseFilterNoise":
@@ -145,8 +162,10 @@ class PoseBelief:
         p_WCoM: Means of the centre of mass, shape (K, 3), in metres.
         V_WCoM: Mean angular velocity in rad/s and mean velocity of the centre of mass in m/s,
             shape (K, 6).
-        P: Covariances of the errors (theta, p, w, v), shape (K, 12, 12), where the true orientation
-            is Exp(theta) R_WO with theta expressed in W.
+        P: Covariances of the errors (theta, p, w, v, b), shape (K, 12 + m, 12 + m), where the true
+            orientation is Exp(theta) R_WO with theta expressed in W.
+        b_W: Mean offsets of measured positions from the true ones, which change slowly, in W, shape
+            (K, m), in metres: m is 3, or 0 if none is assumed.
     """
 
     time: float
@@ -155,6 +174,7 @@ class PoseBelief:
     p_WCoM: FloatArray
     V_WCoM: FloatArray
     P: FloatArray
+    b_W: FloatArray
 
 
 _I = np.eye(3)
@@ -167,20 +187,24 @@ NO_MEASUREMENT = PoseMeasurement(-math.inf, np.zeros(3), _I)
 """Placeholder for a missing measurement."""
 
 
-def no_belief(models: int = 1) -> PoseBelief:
+def no_belief(models: int = 1, offset: int = 0) -> PoseBelief:
     """Returns the placeholder for the belief before the first measurement.
 
     Args:
         models: Number of models.
+        offset: Number of components of the offset of measured positions, 0 or 3.
     """
-    k = models
+    k, n = models, 12 + offset
     weights, R_WO = np.full(k, 1 / k), np.tile(_I, (k, 1, 1))
-    p_WCoM, V_WCoM, P = np.zeros((k, 3)), np.zeros((k, 6)), np.zeros((k, 12, 12))
-    return PoseBelief(-math.inf, weights, R_WO, p_WCoM, V_WCoM, P)
+    p_WCoM, V_WCoM, P = np.zeros((k, 3)), np.zeros((k, 6)), np.zeros((k, n, n))
+    return PoseBelief(-math.inf, weights, R_WO, p_WCoM, V_WCoM, P, np.zeros((k, offset)))
 
 
 def first_belief(
-    measurement: PoseMeasurement, noise: PoseFilterNoise, p_OCoM: FloatArray | None = None
+    measurement: PoseMeasurement,
+    noise: PoseFilterNoise,
+    p_OCoM: FloatArray | None = None,
+    earlier: PoseBelief | None = None,
 ) -> PoseBelief:
     """Returns the belief after the first measurement: at rest, with the initial uncertainty.
 
@@ -190,6 +214,8 @@ def first_belief(
         measurement: The first measured pose.
         noise: Noise and motion that the filter assumes.
         p_OCoM: Centre of mass in O, shape (3,), in metres; the origin of O by default.
+        earlier: Belief before the object was lost, which knows the offset of measured positions;
+            none by default.
     """
     initial = np.square([noise.initial_angular_velocity, noise.initial_velocity])
     P = np.diag(np.repeat(np.append([0.0, 0.0], initial), 3))
@@ -197,11 +223,17 @@ def first_belief(
     W = measurement.directions * std / std[:, None]
     squares, axes = np.linalg.eigh(W.T @ W)
     P[:6, :6] = (axes / np.maximum(squares, _UNKNOWN**-2)) @ axes.T * std * std[:, None]
-    p_WCoM = measurement.p_WO
+    p_WCoM, b_W = measurement.p_WO, np.zeros(0)
+    if noise.bias:
+        b_W, P_b = _known_offset(earlier, measurement.time, noise)
+        p_WCoM = p_WCoM - b_W
+        T = np.vstack([np.eye(12, 15), np.eye(3, 15, 12)])
+        T[3:6, 12:] = -_I  # The position is the measured one without the offset.
+        P = T @ np.block([[P, np.zeros((12, 3))], [np.zeros((3, 12)), P_b]]) @ T.T
     if p_OCoM is not None:
         a = measurement.R_WO @ p_OCoM
         p_WCoM = p_WCoM + a
-        T = np.eye(12)  # An error theta of the orientation moves the centre of mass by theta x a.
+        T = np.eye(len(P))  # An error theta moves the centre of mass by theta x a.
         T[3:6, :3] = -skew(a)
         P = T @ P @ T.T
     k = len(noise.densities)
@@ -211,7 +243,21 @@ def first_belief(
         R_WO=np.tile(measurement.R_WO, (k, 1, 1)),
         p_WCoM=np.tile(p_WCoM, (k, 1)),
         P=np.tile(P, (k, 1, 1)),
+        b_W=np.tile(b_W, (k, 1)),
     )
+
+
+def _known_offset(
+    earlier: PoseBelief | None, time: float, noise: PoseFilterNoise
+) -> tuple[FloatArray, FloatArray]:
+    """Returns mean, shape (3,), and covariance, shape (3, 3), of the offset at a time."""
+    if earlier is None or earlier.time == -math.inf:
+        return np.zeros(3), noise.bias**2 * _I
+    kept, added = noise.bias_step(max(0.0, time - earlier.time))
+    mean = earlier.weights @ earlier.b_W
+    d = earlier.b_W - mean
+    P = np.einsum("k,kij->ij", earlier.weights, earlier.P[:, 12:, 12:] + d[:, :, None] * d[:, None])
+    return kept * mean, kept**2 * P + added * _I
 
 
 def boosted(belief: PoseBelief, dV: FloatArray, time: float) -> PoseBelief:
@@ -226,9 +272,10 @@ def boosted(belief: PoseBelief, dV: FloatArray, time: float) -> PoseBelief:
             m/s, in W, shape (6,).
         time: Time of the change, in seconds.
     """
-    dx = np.concatenate([(belief.time - time) * dV, dV])
-    added = _BOOST_VARIANCE * np.outer(dx, dx) * _PARTS
-    return shifted(belief, np.tile(dx, (len(belief.weights), 1)), belief.P + added)
+    dx, P = np.zeros(belief.P.shape[-1]), belief.P.copy()
+    dx[:12] = np.concatenate([(belief.time - time) * dV, dV])
+    P[:, :12, :12] += _BOOST_VARIANCE * np.outer(dx[:12], dx[:12]) * _PARTS
+    return shifted(belief, np.tile(dx, (len(belief.weights), 1)), P)
 
 
 def shifted(belief: PoseBelief, dx: FloatArray, P: FloatArray) -> PoseBelief:
@@ -236,14 +283,15 @@ def shifted(belief: PoseBelief, dx: FloatArray, P: FloatArray) -> PoseBelief:
 
     Args:
         belief: Belief before the correction.
-        dx: Corrections of (theta, p, w, v), shape (K, 12).
-        P: Covariances, shape (K, 12, 12).
+        dx: Corrections of (theta, p, w, v, b), shape (K, 12 + m).
+        P: Covariances, shape (K, 12 + m, 12 + m).
     """
     return PoseBelief(
         belief.time,
         belief.weights,
         rotation_matrix(dx[:, :3]) @ belief.R_WO,
         belief.p_WCoM + dx[:, 3:6],
-        belief.V_WCoM + dx[:, 6:],
+        belief.V_WCoM + dx[:, 6:12],
         P,
+        belief.b_W + dx[:, 12:],
     )

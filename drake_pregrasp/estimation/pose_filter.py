@@ -1,7 +1,8 @@
 """Filter on pose and twist of a moving object, with several models of its motion.
 
-Each model is a Kalman filter with the error state (theta, p, w, v) that assumes a constant twist
-disturbed by white accelerations of its own density. The interacting-multiple-model algorithm
+Each model is a Kalman filter with the error state (theta, p, w, v, b) that assumes a constant twist
+disturbed by white accelerations of its own density, and optionally a slowly changing offset b of
+measured positions. The interacting-multiple-model algorithm
 (Blom and Bar-Shalom, IEEE Transactions on Automatic Control 33(8), 1988; Bar-Shalom, Li and
 Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, section 11.6) weighs
 the models by the likelihoods of the measurements, and mixes them before each prediction. With a
@@ -44,7 +45,8 @@ def merged(belief: PoseBelief) -> PoseBelief:
     """
     if len(belief.weights) == 1:
         return belief
-    R, x = _coordinates(belief)
+    R = belief.R_WO[belief.weights.argmax()]
+    x = coordinates(belief, R)
     mean = belief.weights @ x
     d = x - mean
     P = np.einsum("k,kij->ij", belief.weights, belief.P + d[:, :, None] * d[:, None, :])
@@ -53,15 +55,16 @@ def merged(belief: PoseBelief) -> PoseBelief:
         np.ones(1),
         (rotation_matrix(mean[:3]) @ R)[None],
         mean[None, 3:6],
-        mean[None, 6:],
+        mean[None, 6:12],
         P[None],
+        mean[None, 12:],
     )
 
 
-def _coordinates(belief: PoseBelief) -> tuple[FloatArray, FloatArray]:
-    """Returns the likeliest orientation R, and the means with theta from R, shape (K, 12)."""
-    R = belief.R_WO[belief.weights.argmax()]
-    return R, np.hstack([rotation_vector(belief.R_WO @ R.T), belief.p_WCoM, belief.V_WCoM])
+def coordinates(belief: PoseBelief, R: FloatArray) -> FloatArray:
+    """Returns the means (theta, p, w, v, b), shape (K, 12 + m), with theta from R, shape (3, 3)."""
+    theta = rotation_vector(belief.R_WO @ R.T)
+    return np.hstack([theta, belief.p_WCoM, belief.V_WCoM, belief.b_W])
 
 
 def mixed(belief: PoseBelief, dt: float, noise: PoseFilterNoise) -> PoseBelief:
@@ -82,7 +85,8 @@ def mixed(belief: PoseBelief, dt: float, noise: PoseFilterNoise) -> PoseBelief:
     kept = math.exp(-noise.manoeuvre_rate * dt) * belief.weights
     weights = kept + -math.expm1(-noise.manoeuvre_rate * dt) / k
     own = kept / weights
-    R, x = _coordinates(belief)
+    R = belief.R_WO[belief.weights.argmax()]
+    x = coordinates(belief, R)
     mean = belief.weights @ x
     d = x - mean
     spread = d[:, :, None] * d[:, None, :]
@@ -94,8 +98,9 @@ def mixed(belief: PoseBelief, dt: float, noise: PoseFilterNoise) -> PoseBelief:
         weights,
         rotation_matrix(x[:, :3]) @ R,
         x[:, 3:6],
-        x[:, 6:],
+        x[:, 6:12],
         own * belief.P + (1 - own) * P + own * (1 - own) * spread,
+        x[:, 12:],
     )
 
 
@@ -110,7 +115,7 @@ def predict(belief: PoseBelief, dt: float, noise: PoseFilterNoise) -> PoseBelief
     if dt == 0:
         return belief
     belief = mixed(belief, dt, noise)
-    F = transitions(belief, dt)
+    F = transitions(belief, dt, noise)
     p_WCoM, V_WCoM = belief.p_WCoM + belief.V_WCoM[:, 3:] * dt, belief.V_WCoM
     if noise.gravity:
         fall = np.array([0.0, 0.0, -noise.gravity])
@@ -123,6 +128,7 @@ def predict(belief: PoseBelief, dt: float, noise: PoseFilterNoise) -> PoseBelief
         p_WCoM,
         V_WCoM,
         F @ belief.P @ F.transpose(0, 2, 1) + process_noise(noise, dt),
+        noise.bias_step(dt)[0] * belief.b_W if noise.bias else belief.b_W,
     )
 
 
@@ -145,21 +151,34 @@ def predicted_mean(
 
 
 def process_noise(noise: PoseFilterNoise, dt: float) -> FloatArray:
-    """Returns the covariance that white accelerations add in dt, shape (K, 12, 12)."""
+    """Returns the covariance that dt adds, by white accelerations and changes of the offset.
+
+    Its shape is (K, 12 + m, 12 + m), with the m components of the offset.
+    """
     Q = dt**3 / 3 * _DRIFT + dt**2 / 2 * _MIXED + dt * _RATE
     densities = np.repeat(noise.densities, 3, axis=1)  # Of rotation, and of translation.
-    return np.asarray(Q * np.hstack([densities, densities])[:, None, :])
+    added = np.asarray(Q * np.hstack([densities, densities])[:, None, :])
+    if not noise.bias:
+        return added
+    whole = np.tile(noise.bias_step(dt)[1] * np.eye(15), (len(added), 1, 1))
+    whole[:, :12, :12] = added
+    return whole
 
 
-def transitions(belief: PoseBelief, dt: float) -> FloatArray:
-    """Returns the transition matrices of the error state over `dt` seconds, shape (K, 12, 12).
+def transitions(belief: PoseBelief, dt: float, noise: PoseFilterNoise) -> FloatArray:
+    """Returns the transition matrices of the error state over `dt` seconds.
+
+    Their shape is (K, 12 + m, 12 + m), with the m components of the offset.
 
     With Exp(turn) the rotation of the step, an error theta turns with it, and an error e of w_WO
     adds J(turn) e dt to theta, with the left Jacobian J of Exp.
     """
-    F, turns = np.tile(np.eye(12), (len(belief.weights), 1, 1)), belief.V_WCoM[:, :3] * dt
+    size = belief.P.shape[-1]
+    F, turns = np.tile(np.eye(size), (len(belief.weights), 1, 1)), belief.V_WCoM[:, :3] * dt
     F[:, :3, :3], F[:, :3, 6:9] = rotation_matrix(turns), dt * rotation_matrix(turns, order=1)
-    F[:, 3:6, 9:] = dt * _I
+    F[:, 3:6, 9:12] = dt * _I
+    if noise.bias:
+        F[:, 12:, 12:] *= noise.bias_step(dt)[0]
     return F
 
 
@@ -187,13 +206,13 @@ def correct(prior: PoseBelief, residual: FloatArray, H: FloatArray, R: FloatArra
     Args:
         prior: Belief before the measurement, at its time.
         residual: Difference ν = z - h(x) for each model's mean, shape (K, m).
-        H: Jacobians of h with respect to the error state, shape (K, m, 12).
-        R: Covariance of the noise, shape (m, m), positive definite.
+        H: Jacobians of h with respect to the error state of size n, shape (K, m, n).
+        R: Covariance of the noise, shape (m, m), positive definite; or of each model, (K, m, m).
     """
     HP = H @ prior.P
     L = np.linalg.cholesky(HP @ H.transpose(0, 2, 1) + R)
     whitened = np.linalg.solve(L, np.concatenate([HP, residual[:, :, None]], axis=2))
-    A, y = whitened[:, :, :12], whitened[:, :, 12]
+    A, y = whitened[:, :, :-1], whitened[:, :, -1]
     A_T = A.transpose(0, 2, 1)
     squares = y * y
     scores = np.log(prior.weights) - squares.sum(axis=1) / 2
@@ -224,23 +243,26 @@ def pose_residual(
             shape (2,); 1 by default.
     """
     thetas = rotation_vector(measurement.R_WO @ prior.R_WO.transpose(0, 2, 1))
-    H = np.tile(np.eye(6, 12), (len(thetas), 1, 1))
+    H = np.tile(np.eye(6, prior.P.shape[-1]), (len(thetas), 1, 1))
     offset = measurement.p_WO - prior.p_WCoM
     if p_OCoM is not None:
         offset = offset + prior.R_WO @ p_OCoM
         H[:, 3:6] = origin_jacobian(prior, p_OCoM)
+    if noise.bias:
+        offset = offset - prior.b_W
+        H[:, 3:6, 12:] = _I
     variances = noise.variances if noise_factors is None else noise_factors * noise.variances
     Z = measurement.directions
     return np.hstack([thetas, offset]) @ Z.T, Z @ H, np.diag(np.repeat(variances, 3))
 
 
 def origin_jacobian(belief: PoseBelief, p_OCoM: FloatArray) -> FloatArray:
-    """Returns the Jacobians of p_WO with respect to the error state, shape (K, 3, 12).
+    """Returns the Jacobians of p_WO with respect to the error state of size n, shape (K, 3, n).
 
     With a = R_WO p_OCoM the origin of O is at p_WCoM - a, so that an error theta moves it by
     a x theta.
     """
-    H = np.zeros((len(belief.weights), 3, 12))
+    H = np.zeros((*belief.P.shape[:1], 3, belief.P.shape[-1]))
     H[:, :, :3], H[:, :, 3:6] = skew(belief.R_WO @ p_OCoM), _I
     return H
 
@@ -251,6 +273,21 @@ def origin_covariance(belief: PoseBelief, p_OCoM: FloatArray | None = None) -> F
         return belief.P[0, 3:6, 3:6]
     H = origin_jacobian(belief, p_OCoM)[0]
     return np.asarray(H @ belief.P[0] @ H.T)
+
+
+def shown_covariance(belief: PoseBelief) -> FloatArray:
+    """Returns the covariances of the errors of theta and of p + b, which sensors show.
+
+    Their shape is (K, 6, 6).
+    """
+    P = belief.P[:, :6, :6]
+    if not belief.b_W.size:
+        return P
+    P, mixed_part = P.copy(), belief.P[:, :6, 12:]
+    P[:, :, 3:] += mixed_part
+    P[:, 3:, :] += mixed_part.transpose(0, 2, 1)
+    P[:, 3:, 3:] += belief.P[:, 12:, 12:]
+    return P
 
 
 def filter_step(

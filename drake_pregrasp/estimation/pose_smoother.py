@@ -77,8 +77,8 @@ def _step_back(
     predicted = predict(belief, dt, noise)
     theta = rotation_vector(later.R_WO[0] @ predicted.R_WO[0].T)
     offset, change = later.p_WCoM - predicted.p_WCoM, later.V_WCoM - predicted.V_WCoM
-    difference = np.hstack([theta[None], offset, change])
-    F = transitions(belief, dt)
+    difference = np.hstack([theta[None], offset, change, later.b_W - predicted.b_W])
+    F = transitions(belief, dt, noise)
     C = np.linalg.solve(predicted.P, F @ belief.P).transpose(0, 2, 1)
     P = belief.P + C @ (later.P - predicted.P) @ C.transpose(0, 2, 1)
     return shifted(belief, np.einsum("kij,kj->ki", C, difference), P)

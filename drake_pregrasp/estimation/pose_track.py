@@ -152,6 +152,12 @@ class PoseTrack:
         """Placeholder for a missing alternative hypothesis, with the time -inf."""
         return np.full_like(self.alternative, -np.inf)
 
+    def with_newest(self, belief: PoseBelief) -> "PoseTrack":
+        """Returns the track with another belief after the newest measurement that was used."""
+        steps = self.steps.copy()
+        steps[-1, MEASUREMENT_SIZE:] = pack(belief)
+        return replace(self, steps=steps)
+
     def status(
         self, now: float, period: float, coast_after: float, lost_after: float
     ) -> TrackingStatus:
@@ -197,14 +203,15 @@ class PoseTrack:
         return replace(after, steps=steps, alternative=alternative, begun_at=self.newest.time)
 
     @staticmethod
-    def empty(memory: int, models: int = 1) -> "PoseTrack":
+    def empty(memory: int, models: int = 1, offset: int = 0) -> "PoseTrack":
         """Returns the track before the first measurement.
 
         Args:
             memory: Number of steps in memory, at least 1.
             models: Number of models of the motion.
+            offset: Number of components of the offset of measured positions, 0 or 3.
         """
-        belief, measurement = pack(no_belief(models)), pack(NO_MEASUREMENT)
+        belief, measurement = pack(no_belief(models, offset)), pack(NO_MEASUREMENT)
         return PoseTrack(
             steps=np.tile(np.concatenate([measurement, belief]), (memory, 1)),
             last_seen=measurement,
@@ -225,12 +232,16 @@ def unpack_belief(vector: FloatArray) -> PoseBelief:
     """Returns the belief in a vector, such as an alternative hypothesis.
 
     Args:
-        vector: Packed belief of K models, shape (1 + 163 K,).
+        vector: Packed belief of K models, shape (1 + (19 + m + (12 + m)²) K,), with the m
+            components of the offset.
     """
     return _UNPACKERS[len(vector)](vector)
 
 
-_UNPACKERS = {len(pack(no_belief(k))): unpacker(no_belief(k)) for k in (1, len(MODELS))}
+_UNPACKERS = {
+    len(pack(belief)): unpacker(belief)
+    for belief in (no_belief(k, m) for k in (1, len(MODELS)) for m in (0, 3))
+}
 
 FilterStep = Callable[..., tuple[PoseBelief, Correction]]
 """Function with the arguments and the result of `filter_step`."""

@@ -13,7 +13,7 @@ import numpy as np
 from drake_pregrasp.arrays import FloatArray, is_valid_pose, pack
 from drake_pregrasp.estimation.noise_estimate import POSES
 from drake_pregrasp.estimation.pose_belief import PoseBelief, PoseMeasurement, first_belief
-from drake_pregrasp.estimation.pose_filter import Correction
+from drake_pregrasp.estimation.pose_filter import Correction, shown_covariance
 from drake_pregrasp.estimation.pose_track import (
     CONFIRMATIONS,
     MEASUREMENT_SIZE,
@@ -76,7 +76,7 @@ def update_track(
         if time <= track.begun_at or not len(before):
             return replace(track, last_seen=seen, verdict=MeasurementVerdict.TOO_LATE)
         if before[-1, 0] == -math.inf:  # Older than the first one.
-            first = first_belief(measurement, settings.noise, settings.p_OCoM)
+            first = _first(track, measurement, settings)
             return replace(track, last_seen=seen, **_inserted(track, seen, first, 0, settings))
         earlier = unpack_belief(before[-1, MEASUREMENT_SIZE:])
     measurement = _equivalent(earlier, measurement, settings)
@@ -105,7 +105,7 @@ def update_track(
 def _begun(
     track: PoseTrack, seen: FloatArray, measurement: PoseMeasurement, settings: TrackerSettings
 ) -> PoseTrack:
-    belief = first_belief(measurement, settings.noise, settings.p_OCoM)
+    belief = _first(track, measurement, settings)
     is_first = track.steps[-1, 0] == -math.inf
     return replace(
         track,
@@ -115,6 +115,11 @@ def _begun(
         confirmed_at=belief.time if is_first else track.confirmed_at,
         verdict=MeasurementVerdict.STARTED,
     )
+
+
+def _first(track: PoseTrack, measurement: PoseMeasurement, settings: TrackerSettings) -> PoseBelief:
+    """Returns a belief that does not continue the one before, but for the offset of the sensor."""
+    return first_belief(measurement, settings.noise, settings.p_OCoM, track.newest)
 
 
 def _restarted(
@@ -219,7 +224,7 @@ def _is_vague(prior: PoseBelief, new: Correction, measurement: PoseMeasurement) 
     measurement: if only a lively model does, the prediction was as uncertain as that one says. Only
     directions that were measured count.
     """
-    P = np.add.reduce(new.belief.weights[:, None, None] * prior.P[:, :6, :6], axis=0)
+    P = np.add.reduce(new.belief.weights[:, None, None] * shown_covariance(prior), axis=0)
     Z = measurement.directions
     excess: FloatArray = np.add.reduce(Z @ (P - _VAGUE) * Z, axis=1)
     return not (excess <= 0).all()
@@ -292,7 +297,7 @@ def _refused(
     The alternative hypothesis starts from an outlier with an unknown twist, and outliers that agree
     with it continue it.
     """
-    belief, support = first_belief(measurement, settings.noise, settings.p_OCoM), 1
+    belief, support = _first(track, measurement, settings), 1
     if -math.inf < track.alternative[0] < measurement.time:
         earlier = unpack_belief(track.alternative)
         measurement = _equivalent(earlier, measurement, settings)

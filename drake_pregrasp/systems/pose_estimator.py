@@ -23,7 +23,7 @@ from drake_pregrasp.arrays import (
 from drake_pregrasp.config.planner_config import EstimatorConfig, tracker_settings
 from drake_pregrasp.config.validation import checked
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.estimation.camera_offset import CameraOffset
+from drake_pregrasp.estimation.contact_measurement import Contacts, felt
 from drake_pregrasp.estimation.point_measurement import SeenObject
 from drake_pregrasp.estimation.pose_belief import (
     NO_MEASUREMENT,
@@ -39,7 +39,7 @@ from drake_pregrasp.estimation.surface_alignment import SurfacePoints
 from drake_pregrasp.fast import default_kernels
 from drake_pregrasp.fast.kernels import Kernels
 from drake_pregrasp.geometry.mesh_solid import MeshSolid
-from drake_pregrasp.geometry.rotations import rotation_matrix, skew
+from drake_pregrasp.geometry.rotations import skew
 from drake_pregrasp.systems.ports import (
     CLOUD,
     POSE,
@@ -120,7 +120,7 @@ class PoseEstimator(LeafSystem):
 
     Ports `p_WT` and `f_T_W` (optional, of the same size) accept vectors of 3n: the fingertips'
     centres in W, in metres, and the forces that they press with, in W, in newtons. With `bias_std`
-    and `touch` of `config`, they correct what cameras show (`CameraOffset`).
+    and `touch` of `config`, they measure the pose without the offset of cameras (`felt`).
 
     Port `X_WO_estimated` emits a `RigidTransform`: the estimated pose.
 
@@ -147,10 +147,9 @@ class PoseEstimator(LeafSystem):
     for the last measurement that was compared with a prediction; that of the position is given the
     orientation. If the assumptions hold, each is chi-square distributed with 3 degrees of freedom.
 
-    Port `camera_offset` emits a vector of 12: the estimated displacement of what cameras show, in
-    W, in metres, and its covariance, row-major, in m². It is subtracted from the position, to whose
-    covariance its own is added. A direction in which nothing touches keeps the variance of
-    `bias_std`.
+    Port `camera_offset` emits a vector of 12: the estimated displacement of what sensors show, in
+    W, in metres, and its covariance, row-major, in m². A direction in which nothing touches keeps
+    the variance of `bias_std`. Zero without `bias_std`, and before the first measurement.
 
     An interacting-multiple-model filter estimates the position of the centre of mass, the
     orientation and the twist (`estimation.pose_filter`). Between ticks the outputs are predictions,
@@ -205,8 +204,8 @@ class PoseEstimator(LeafSystem):
             self._seen_object = SeenObject(solid, self._noise, place, *assumed, align)
         # The track also holds the belief before the measurements that may be newer.
         models = len(self._noise.densities)
-        self._no_track = PoseTrack.empty(config.late_measurements + 1, models)
-
+        offset = 3 if config.bias_std else 0
+        self._no_track = PoseTrack.empty(config.late_measurements + 1, models, offset)
         self._unpack = unpacker(self._no_track)
         self._time_index = self.DeclareDiscreteState(np.array([-np.inf]))
         self._track_index = self.DeclareDiscreteState(pack(self._no_track))
@@ -217,9 +216,6 @@ class PoseEstimator(LeafSystem):
         self._tip_radii = np.zeros(0) if tip_radii is None else tip_radii
         size = 3 * len(self._tip_radii)
         self._tips = [self.DeclareVectorInputPort(name, size) for name in ("p_WT", "f_T_W")]
-        self._no_offset = CameraOffset.unknown(config.bias_std)
-        self._unpack_offset = unpacker(self._no_offset)
-        self._offset_index = self.DeclareDiscreteState(pack(self._no_offset))
         self._declare_results()
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store_track)
 
@@ -236,26 +232,30 @@ class PoseEstimator(LeafSystem):
         )
         words = "mixture of the models at the newest measurement of that track"
         self._mixture = cache(words, no_belief(), lambda c: merged(stored.Eval(c).newest), stored)
-        words = "track at the Context's last tick, and its mixture"
-        model, inputs = (self._no_track, no_belief()), self.all_input_ports_ticket()
-        self._track = track = cache(words, model, self._calc_track, self.xd_ticket(), time, inputs)
+        words = "track after the measurement of the Context's last tick, and its mixture"
+        model, state = (self._no_track, no_belief()), self.xd_ticket()
+        sensors = (self._X_WO_measured, self._measurement_time, self._V_WO_held, self._point_cloud)
+        self._measured_track = measured = cache(
+            words, model, self._calc_track, state, time, *sensors
+        )
+        self._track = track = measured
+        if self._seen_object is not None and self._config.bias_std:
+            words = "the same track after the contacts of that tick"
+            sources = (state, time, measured, self._V_WO_held, *self._tips)
+            self._track = track = cache(words, model, self._calc_felt, *sources)
         words = "status, and mean of the prediction for the Context's time"
         first = _Estimate(TrackingStatus.WAITING, no_belief())
         self._estimate = estimate = cache(
             words, first, self._calc_estimate, time, track, self._V_WO_held
         )
-        words = "camera offset at the Context's last tick"
-        self._offset = offset = cache(
-            words, self._no_offset, self._calc_offset, self.xd_ticket(), estimate, inputs
-        )
-        output("X_WO_estimated", POSE, self._calc_pose, estimate, offset)
+        output("X_WO_estimated", POSE, self._calc_pose, estimate)
         output("V_WO_estimated", VELOCITY, self._calc_velocity, estimate)
-        output("p_WO_covariance", 9, self._calc_covariance, time, estimate, offset)
+        output("p_WO_covariance", 9, self._calc_covariance, time, estimate)
         output("tracking_status", 1, lambda c: estimate.Eval(c).status.value, estimate)
-        output("time_since_measurement", 1, self._calc_age, time, track)
-        output("measurement_verdict", 1, lambda c: track.Eval(c)[0].verdict.value, track)
-        output("innovation_squared", 2, lambda c: track.Eval(c)[0].innovation_squared, track)
-        output("camera_offset", 12, lambda c: pack(offset.Eval(c))[1:], offset)
+        output("time_since_measurement", 1, self._calc_age, time, measured)
+        output("measurement_verdict", 1, lambda c: measured.Eval(c)[0].verdict.value, measured)
+        output("innovation_squared", 2, lambda c: measured.Eval(c)[0].innovation_squared, measured)
+        output("camera_offset", 12, self._calc_offset, track)
 
     def _calc_track(self, context: Context) -> tuple[PoseTrack, PoseBelief]:
         time = context.get_time()
@@ -271,6 +271,21 @@ class PoseEstimator(LeafSystem):
         is_carried = self._noise.gravity and self._is_held(context)
         settings = self._held_settings if is_carried else self._settings
         track = update_track(track, self._measured(context, track), time, settings)
+        return track, self._merged(track.newest)
+
+    def _calc_felt(self, context: Context) -> tuple[PoseTrack, PoseBelief]:
+        time, config = context.get_time(), self._config
+        track, belief = self._measured_track.Eval(context)
+        stored_time = context.get_discrete_state(self._time_index)[0]
+        is_stored = tick_index(time, self._period) == tick_index(stored_time, self._period)
+        if is_stored or self._status(track, time) not in FOLLOWED:
+            return track, belief
+        assert self._seen_object is not None
+        rests = config.rests_on_table and not self._is_held(context)
+        touches, solid = self._touching(context), self._seen_object.solid
+        contacts = Contacts(solid, self._p_OCoM, touches, rests, config.touch_std)
+        dt = max(0.0, time - belief.time)
+        track = track.with_newest(felt(track.newest, dt, contacts, self._noise, self._merged))
         return track, self._merged(track.newest)
 
     def _measured(self, context: Context, track: PoseTrack) -> PoseMeasurement:
@@ -313,7 +328,6 @@ class PoseEstimator(LeafSystem):
         discrete_state.set_value(self._time_index, [context.get_time()])
         track, _ = self._track.Eval(context)
         discrete_state.set_value(self._track_index, pack(track))
-        discrete_state.set_value(self._offset_index, pack(self._offset.Eval(context)))
 
     def _calc_estimate(self, context: Context) -> _Estimate:
         track, belief = self._track.Eval(context)
@@ -348,34 +362,18 @@ class PoseEstimator(LeafSystem):
 
     def _calc_pose(self, context: Context) -> RigidTransform:
         _, _, R_WO, p_WO, _ = self._estimate.Eval(context)
-        p_WO = p_WO - self._offset.Eval(context).b_W
         return RigidTransform(RotationMatrix.ProjectToRotationMatrix(R_WO), p_WO)
 
-    def _calc_offset(self, context: Context) -> CameraOffset:
-        config, time = self._config, context.get_time()
-        if self._seen_object is None or not config.bias_std:
-            return self._no_offset
-        offset = self._unpack_offset(context.get_discrete_state(self._offset_index).value())
-        if offset.time > time:  # The clock was set back.
-            offset = self._no_offset
-        if tick_index(time, self._period) == tick_index(offset.time, self._period):
-            return offset
-        status, belief, R_WO, p_WO, V_WO = self._estimate.Eval(context)
-        offset = offset.predicted(time, config.bias_std, config.bias_time)
-        if status not in FOLLOWED:
-            return offset
-        R_WO = rotation_matrix(-config.lookahead * V_WO[:3]) @ R_WO
-        p_WO = p_WO - config.lookahead * V_WO[3:]
-        solid, P_WO = self._seen_object.solid, origin_covariance(belief, self._settings.p_OCoM)
-        if config.touch and all(port.HasValue(context) for port in self._tips):
-            offset = offset.corrected(solid, self._touching(context), R_WO, p_WO, P_WO)
-        if config.rests_on_table and not self._is_held(context):
-            height = p_WO[2] - offset.b_W[2] - solid.moved(R_WO, np.zeros(3)).highest(-_UP)
-            offset = offset.rested(height, P_WO[2, 2] + config.touch_std**2)
-        return offset
+    def _calc_offset(self, context: Context) -> FloatArray:
+        _, belief = self._track.Eval(context)
+        if not belief.b_W.size:
+            return np.zeros(12)
+        return np.concatenate([belief.b_W, belief.P[0, 12:, 12:]], axis=None)
 
     def _touching(self, context: Context) -> SurfacePoints:
         """Returns the fingertips: those that press touch the surface, the others are outside."""
+        if not (self._config.touch and all(port.HasValue(context) for port in self._tips)):
+            return SurfacePoints.seen(np.zeros((0, 3)), 0.0)
         p_WT, f_T_W = (port.Eval(context).reshape(-1, 3) for port in self._tips)
         known = are_valid_points(p_WT) & are_valid_points(f_T_W)
         is_bound = np.linalg.norm(f_T_W[known], axis=1) < self._config.touch_force
@@ -396,10 +394,8 @@ class PoseEstimator(LeafSystem):
         # The pose of a lost object stays, but its uncertainty grows on.
         ahead = self._ahead(context.get_time() - belief.time)
         predicted = predict(belief, ahead, self._noise.liveliest)
-        P_WO: FloatArray = origin_covariance(predicted, self._settings.p_OCoM)
-        P_WO += self._offset.Eval(context).P
-        return P_WO
+        return origin_covariance(predicted, self._settings.p_OCoM)
 
     def _calc_age(self, context: Context) -> float:
-        newest = self._track.Eval(context)[0].steps[-1, 0]
+        newest = self._measured_track.Eval(context)[0].steps[-1, 0]
         return float(max(0.0, context.get_time() - (newest if newest > -np.inf else 0.0)))

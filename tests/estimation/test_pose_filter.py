@@ -227,7 +227,7 @@ def test_a_known_change_of_the_twist_keeps_the_pose_of_its_time():
     assert not added[:3, 3:6].any()
 
 
-MEASURED = ("position", "orientation")
+MEASURED = ("position", "orientation", "bias_time")
 
 
 @pytest.mark.parametrize("name", vars(NOISE))

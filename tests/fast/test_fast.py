@@ -205,12 +205,14 @@ def test_candidates_of_another_surface_are_refused():
     noise_factors=st.sampled_from([None, np.array([2.0, 3.0])]),
     manoeuvre_rate=st.sampled_from([0.0, 0.5]),
     measured=st.sampled_from([6, 4, 0]),
+    bias=st.sampled_from([0.0, 0.01]),
 )
 def test_a_step_of_the_pose_filter_equals_the_reference(
-    seed, rate, gravity, has_com, noise_factors, manoeuvre_rate, measured
+    seed, rate, gravity, has_com, noise_factors, manoeuvre_rate, measured, bias
 ):
     rng = np.random.default_rng(seed)
-    noise = PoseFilterNoise(1e-3, 0.01, 0.3, 2.0, 0.1, 1.0, gravity, 3.0, 9.0, manoeuvre_rate)
+    manoeuvres = 3.0, 9.0, manoeuvre_rate
+    noise = PoseFilterNoise(1e-3, 0.01, 0.3, 2.0, 0.1, 1.0, gravity, *manoeuvres, bias, 0.5)
     p_OCoM = rng.normal(0, 0.05, 3) if has_com else None
     V = rng.normal(size=6) * np.repeat([rate, 1.0], 3)
     time, p_WO, R_WO, belief = 1.0, rng.normal(size=3), Rotation.random(rng=rng), None

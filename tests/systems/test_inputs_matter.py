@@ -19,19 +19,20 @@ FIRST = GraspState.first(N, SETTINGS)
 ALL = np.ones(N, dtype=bool)
 TOUCHED = replace(FIRST, phase=GraspPhase.CLOSE, active=ALL, touched=ALL, share=0.5)
 MODELS = len(filter_noise(EstimatorConfig()).densities)
-TRACK = replace(
-    PoseTrack.empty(EstimatorConfig().late_measurements + 1, MODELS),
-    V_held=np.zeros(6),
-    confirmed_at=-PERIOD,
-)
-BELIEF = replace(
-    no_belief(MODELS),
-    time=-PERIOD,
-    p_WCoM=np.tile(X_G.translation(), (MODELS, 1)),
-    P=np.tile(1e-4 * np.eye(12), (MODELS, 1, 1)),
-)
 MEETING = replace(Meeting.above(0.1), time=1.0, meets=True)
-TRACK.steps[-1] = np.append(pack(replace(NO_MEASUREMENT, time=-PERIOD)), pack(BELIEF))
+
+
+def known_track(offset):
+    """A track that knows the object at X_G, with the components of an offset of the sensor."""
+    track = PoseTrack.empty(EstimatorConfig().late_measurements + 1, MODELS, offset)
+    belief = replace(
+        no_belief(MODELS, offset),
+        time=-PERIOD,
+        p_WCoM=np.tile(X_G.translation(), (MODELS, 1)),
+        P=np.tile(1e-4 * np.eye(12 + offset), (MODELS, 1, 1)),
+    )
+    track.steps[-1] = np.append(pack(replace(NO_MEASUREMENT, time=-PERIOD)), pack(belief))
+    return replace(track, V_held=np.zeros(6), confirmed_at=-PERIOD)
 
 
 @pytest.mark.parametrize("name", MAKERS)
@@ -51,7 +52,7 @@ def test_outputs_follow_their_inputs(name):
             fresh.context.SetDiscreteState(0, pack(MEETING))
         if name.startswith("estimator"):  # With this state, the estimate depends on all its inputs.
             fresh.context.SetDiscreteState(0, [-PERIOD])
-            fresh.context.SetDiscreteState(1, pack(TRACK))
+            fresh.context.SetDiscreteState(1, pack(known_track(3 * name.endswith("points"))))
         return fresh.numbers()
 
     for port in inputs:

@@ -1,0 +1,127 @@
+"""Measurement of an object's pose by contacts: fingertips that touch it, and the table below.
+
+A camera with a wrong place shows the object displaced by a slowly changing offset. The filter
+estimates it beside the pose (`pose_filter`). Contacts in W do not share the offset, so that they
+measure the pose itself: the centre of a fingertip is a radius away from the surface, as a point of
+`surface_alignment`, and the lowest point of an object on the table has the height 0. Directions
+without contact keep their uncertainty.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.estimation.pose_belief import PoseBelief, PoseFilterNoise
+from drake_pregrasp.estimation.pose_filter import (
+    coordinates,
+    correct,
+    merged,
+    predicted_mean,
+    process_noise,
+    transitions,
+)
+from drake_pregrasp.estimation.surface_alignment import SurfacePoints
+from drake_pregrasp.geometry.mesh_solid import MeshSolid
+
+_PASSES = 2  # Linearizations of the distances.
+_GATE = 9.0  # Squared Mahalanobis distance up to which something touches: three deviations.
+_NEAR = 0.004  # Distance within the margin of the grid, in metres.
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """Contacts of an object at one time.
+
+    Attributes:
+        solid: The object in O.
+        p_OCoM: Centre of mass in O, shape (3,), in metres.
+        touches: Fingertips; a bound counts where it is violated.
+        rests: Whether the lowest point of the object is on the plane z = 0 of W.
+        std: Standard deviation of the height of that point, in metres.
+    """
+
+    solid: MeshSolid
+    p_OCoM: FloatArray
+    touches: SurfacePoints
+    rests: bool
+    std: float
+
+    def residuals(
+        self, R_WO: FloatArray, p_WCoM: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Returns residuals, shape (m,), their Jacobians and their standard deviations.
+
+        An error (theta, p) of orientation and centre of mass changes the residual of a fingertip by
+        [(n x a)ᵀ, -nᵀ], with the outward normal n and the vector a from the centre of mass. The
+        table's normal is that of the object's lowest point.
+
+        Args:
+            R_WO: Orientation, shape (3, 3).
+            p_WCoM: Centre of mass in W, shape (3,), in metres.
+        """
+        touches = self.touches
+        a = touches.p_WQ - p_WCoM
+        distances, gradients = self._distances(a @ R_WO + self.p_OCoM)
+        e, n, std = distances - touches.radius, gradients @ R_WO.T, touches.std
+        counts = ~(touches.is_bound & (e > 0))
+        a, e, n, std = a[counts], e[counts], n[counts], std[counts]
+        if self.rests:
+            corners = (self.solid.corners - self.p_OCoM) @ R_WO.T
+            lowest = corners[corners[:, 2].argmin()]
+            a, n = np.vstack([a, lowest]), np.vstack([n, -_UP])
+            e, std = np.append(e, p_WCoM[2] + lowest[2]), np.append(std, self.std)
+        return e, np.hstack([np.cross(n, a), -n]), std
+
+    def _distances(self, p_OT: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Returns signed distances and unit gradients at fingertips, shape (m, 3).
+
+        Gradients are coarse outside the grid, where a large fingertip has its centre, so they are
+        evaluated on the way to the surface. There the distance is shorter by this way.
+        """
+        distances, gradients = self.solid.surface.at(p_OT)
+        nearer = p_OT - np.maximum(0.0, distances - _NEAR)[:, None] * gradients
+        distances, gradients = self.solid.surface.at(nearer)
+        return distances + np.einsum("ki,ki->k", p_OT - nearer, gradients), gradients
+
+
+def felt(
+    belief: PoseBelief,
+    dt: float,
+    contacts: Contacts,
+    noise: PoseFilterNoise,
+    merge: Callable[[PoseBelief], PoseBelief] = merged,
+) -> PoseBelief:
+    """Returns a belief after contacts were measured at a later time.
+
+    Residual and Jacobian are those at the pose predicted for that time; what the motion may change
+    until then adds to the noise. A contact that is more than three standard deviations from the
+    prediction is left out.
+
+    Args:
+        belief: Belief before, at its time.
+        dt: Time from that of the belief to that of the contacts, in seconds.
+        contacts: The contacts.
+        noise: Noise and motion that the filter assumes.
+        merge: Implementation of `merged`.
+    """
+    prior, after = merge(belief), belief
+    Q = process_noise(noise, dt)[:, :6, :6]
+    for _ in range(_PASSES):
+        mean = merge(after)
+        R_WO, p_WCoM, _ = predicted_mean(mean, dt, noise.gravity)
+        e, J, std = contacts.residuals(R_WO, p_WCoM)
+        H = J @ transitions(mean, dt, noise)[0, :6]
+        R = J @ Q @ J.T + np.diag(std**2)
+        R_at, x = mean.R_WO[0], coordinates(mean, mean.R_WO[0])
+        expected = e + (coordinates(prior, R_at) - x)[0] @ H.T
+        S = H @ prior.P[0] @ H.T + np.tensordot(belief.weights, R, 1)
+        likely = np.flatnonzero(expected**2 <= _GATE * S.diagonal())
+        if not len(likely):
+            return belief
+        H, R = H[likely], R[:, likely[:, None], likely]
+        residual = -e[likely] - (coordinates(belief, R_at) - x) @ H.T
+        after = correct(belief, residual, np.tile(H, (len(R), 1, 1)), R).belief
+    return after
