@@ -27,6 +27,9 @@ from drake_pregrasp.geometry.mesh_solid import MeshSolid
 
 _PASSES = 2  # Linearizations of the distances.
 _GATE = 9.0  # Squared Mahalanobis distance up to which something touches: three deviations.
+_VAGUE = (
+    0.03**2
+)  # Variance of a distance, besides that of the offset, with which chance explains all.
 _NEAR = 0.004  # Distance within the margin of the grid, in metres.
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -97,8 +100,8 @@ def felt(
     """Returns a belief after contacts were measured at a later time.
 
     Residual and Jacobian are those at the pose predicted for that time; what the motion may change
-    until then adds to the noise. A contact that is more than three standard deviations from the
-    prediction is left out.
+    until then adds to the noise. A contact is left out if it is more than three standard deviations
+    from the prediction, or if the prediction is too vague to tell.
 
     Args:
         belief: Belief before, at its time.
@@ -118,7 +121,9 @@ def felt(
         R_at, x = mean.R_WO[0], coordinates(mean, mean.R_WO[0])
         expected = e + (coordinates(prior, R_at) - x)[0] @ H.T
         S = H @ prior.P[0] @ H.T + np.tensordot(belief.weights, R, 1)
-        likely = np.flatnonzero(expected**2 <= _GATE * S.diagonal())
+        variances = S.diagonal()
+        is_known = variances <= _VAGUE + noise.bias**2
+        likely = np.flatnonzero(is_known & (expected**2 <= _GATE * variances))
         if not len(likely):
             return belief
         H, R = H[likely], R[:, likely[:, None], likely]

@@ -215,7 +215,8 @@ def correct(prior: PoseBelief, residual: FloatArray, H: FloatArray, R: FloatArra
     A, y = whitened[:, :, :-1], whitened[:, :, -1]
     A_T = A.transpose(0, 2, 1)
     squares = y * y
-    scores = np.log(prior.weights) - squares.sum(axis=1) / 2
+    with np.errstate(divide="ignore"):  # A model may have become impossible.
+        scores = np.log(prior.weights) - squares.sum(axis=1) / 2
     scores -= np.log(np.diagonal(L, axis1=1, axis2=2)).sum(axis=1)
     weights = np.exp(scores - scores.max())
     moved = shifted(prior, (A_T @ y[:, :, None])[:, :, 0], prior.P - A_T @ A)

@@ -17,6 +17,11 @@ from drake_pregrasp.estimation.pose_tracker import update_track
 from drake_pregrasp.estimation.surface_alignment import SurfacePoints, align_pose, measured_part
 from drake_pregrasp.fast import default_kernels
 from drake_pregrasp.geometry.mesh_solid import MeshSolid
+from drake_pregrasp.grasping.touch_correction import (
+    corrected_pose,
+    limited_offset,
+    touch_correction,
+)
 
 SIZE = np.array([0.1, 0.08, 0.06])
 MESH = trimesh.creation.box(SIZE)
@@ -191,3 +196,26 @@ def test_with_a_table_errors_are_not_larger_than_the_covariance_says():
     """The table is exact here, but assumed to be as inexact as a touch."""
     mean = np.mean([squared_errors(seed, rests=True) for seed in range(25)], axis=0)
     assert np.all(mean[5:] < 1.3)
+
+
+@pytest.mark.parametrize("estimated_from", [0, 60, 1000])
+def test_the_hand_and_the_filter_do_not_correct_the_same_error_twice(estimated_from):
+    """The frame of the hand ends at the object, whether the filter or the hand corrects first."""
+    directions = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0]])
+    touches, belief = tips(directions), shown(bias=np.array([0.006, -0.008, 0.0]))
+    offset, touching = np.zeros(3), np.ones(3, dtype=bool)
+    for tick in range(120):
+        if tick % 5 == 0 and tick >= estimated_from:
+            belief = felt(belief, 0.0, contacts(touches), NOISE)
+        mean = merged(belief)
+        R_WG, p_WG = corrected_pose(mean.R_WO[0], mean.p_WCoM[0], np.zeros(3), offset)
+        a = touches.p_WQ - p_WG
+        distances, gradients = BOX.distance_and_gradient(a @ R_WG)
+        n = gradients @ R_WG.T
+        rows = np.column_stack([n[:, :2], np.cross(a, n)[:, 2]])
+        change = touch_correction(distances - touches.radius, rows, touching, offset)
+        offset = limited_offset(offset, change, 2e-4)
+    error = (p_WG - PLACE)[:2]
+    assert np.linalg.norm(error) < 2e-3  # Smaller gaps are left out.
+    was_felt = estimated_from < 120
+    assert (np.linalg.norm(offset[:2]) < 2e-3) == was_felt
