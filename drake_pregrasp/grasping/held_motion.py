@@ -13,9 +13,6 @@ DAMPING_RATIO = 0.8
 MASS_RATIO = 1.8
 """Ratio K h²/M of the fingers' stiffness K and the virtual mass M, with the control period h."""
 
-FRICTION_SHARE = 0.5
-"""Ratio of the friction F₀ that does not move G to `planned_friction` times the weight."""
-
 TETHER = 0.005
 """Largest distance of G from the estimate of an object that is tracked, in metres."""
 

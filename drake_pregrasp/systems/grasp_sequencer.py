@@ -37,7 +37,7 @@ from drake_pregrasp.grasping.grasp_state import (
     state_unpacker,
 )
 from drake_pregrasp.grasping.hand_commands import GraspCommand
-from drake_pregrasp.grasping.held_motion import FRICTION_SHARE, TETHER, HeldMotion
+from drake_pregrasp.grasping.held_motion import TETHER, HeldMotion
 from drake_pregrasp.grasping.touch_correction import corrected_pose
 from drake_pregrasp.systems import ports
 from drake_pregrasp.systems.squeeze_program import plan_lift
@@ -264,7 +264,7 @@ class GraspSequencer(LeafSystem):
             return now
         k = self._stiffness[on]
         f = k @ (p_WT[on] - now.p_WG - p_GT[on] @ now.R_WG.T)
-        friction = FRICTION_SHARE * self._config.planned_friction * GRAVITY * self._mass
+        friction = self._config.planned_friction * GRAVITY * self._mass
         return now.yielding(f, np.sum(k), friction, time - last.time, self._config.period)
 
     def _calc_near(self, context: Context) -> HeldMotion:

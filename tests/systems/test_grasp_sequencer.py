@@ -11,10 +11,10 @@ from drake_pregrasp import BallSolid
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase
-from drake_pregrasp.grasping.held_motion import FRICTION_SHARE, TETHER
+from drake_pregrasp.grasping.held_motion import TETHER
 
 MEETING = 1.5  # Time of the meeting, in seconds.
-SLACK = FRICTION_SHARE * GraspConfig.planned_friction * 9.81 * 0.4 / (5 * 400.0)
+SLACK = GraspConfig.planned_friction * 9.81 * 0.4 / (5 * 400.0)
 AT_TABLE = RigidTransform(RotationMatrix.MakeXRotation(0.3), [0.0, 0.0, 0.05])
 
 
