@@ -160,7 +160,10 @@ OBJECTS = {
     "box": OwnObject(dp.Box(size=[0.06, 0.07, 0.065]).make_shape, 0.25),
     "cylinder": OwnObject(dp.Cylinder(radius=0.025, length=0.08).make_shape, 0.15),
     "mug": OwnObject(lambda: dp.load_shape(resource_folder("models") / "mug.obj"), 0.25),
-    "bottle": OwnObject(lambda: dp.load_shape(resource_folder("models") / "bottle.obj"), 0.25),
+    # 120 mm high: over one of 200 mm, an Allegro or a Shadow hand reaches only the neck from above.
+    "bottle": OwnObject(
+        lambda: dp.load_shape(resource_folder("models") / "bottle.obj", scale=0.6), 0.15
+    ),
 }
 
 

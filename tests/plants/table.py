@@ -103,7 +103,7 @@ def main() -> int:
     options = parser.parse_args()
     cases = [case for case in ALL if options.match in str(case)]
     drawn = np.random.default_rng(options.seed).permutation(len(cases))[: options.count]
-    cases = [cases[index] for index in sorted(drawn)]
+    cases = [cases[index] for index in drawn]
     table, counts = csv.writer(sys.stdout), collections.Counter()
     table.writerow(["arm", "hand", "object", "base", *Row._fields])
 
