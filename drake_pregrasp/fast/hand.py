@@ -9,7 +9,6 @@ from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.grasping.clearances import (
     FINGER_CLEARANCE,
     LINK_CLEARANCE,
-    RATE,
     RETREAT,
     TIP_CLEARANCE,
     TIP_LEAD,
@@ -138,7 +137,7 @@ def compiled_forward_kinematics(tree: KinematicTree, q: FloatArray) -> HandPose:
 
 @compiled(
     "i8(i8[::1], b1[::1], b1[::1], f8[:,::1], i8[::1], i8[::1], f8[::1], f8[:,::1], f8[:,::1],"
-    " f8[:,:], f8[::1], b1[::1], f8[:,::1], f8[::1], i8[::1])"
+    " f8[:,:], f8[::1], b1[::1], f8, f8[:,::1], f8[::1], i8[::1])"
 )
 def write_clearances(  # type: ignore[no-untyped-def]
     finger,
@@ -153,6 +152,7 @@ def write_clearances(  # type: ignore[no-untyped-def]
     screws,
     V,
     holding,
+    rate,
     rows,
     least,
     fingers,
@@ -172,6 +172,7 @@ def write_clearances(  # type: ignore[no-untyped-def]
         screws: Screws of the hand's joints, shape (6, nq).
         V: Velocity of the object at the origin of W, shape (6,), in rad/s and m/s.
         holding: Whether each fingertip holds the object or closes on it, shape (n,).
+        rate: Largest ratio of the speed of approach to the distance that is left, in 1/s.
         rows: Result, shape (k, nq).
         least: Result, shape (k,).
         fingers: Result, shape (k,).
@@ -195,7 +196,7 @@ def write_clearances(  # type: ignore[no-untyped-def]
         clearance = TIP_CLEARANCE if is_tip[i] else LINK_CLEARANCE
         if o < m:
             clearance = FINGER_CLEARANCE
-        least[k] = min(RATE * (clearance - gaps[k]), RETREAT) + drifts[k]
+        least[k] = min(rate * (clearance - gaps[k]), RETREAT) + drifts[k]
     for k in range(len(link)):
         i, f = link[k], finger[link[k]]
         if other[k] != m or is_tip[i] or not is_last[i] or f < 0 or not holding[f]:
@@ -204,7 +205,7 @@ def write_clearances(  # type: ignore[no-untyped-def]
         if tip >= 0:
             for j in range(screws.shape[1]):
                 rows[k, j] -= rows[tip, j]
-            fastest = min(RATE * (TIP_LEAD - (gaps[k] - gaps[tip])), 0.0)
+            fastest = min(rate * (TIP_LEAD - (gaps[k] - gaps[tip])), 0.0)
             least[k] = fastest + drifts[k] - drifts[tip]
     for k in range(len(link)):
         f = finger[link[k]]
@@ -218,13 +219,18 @@ def write_clearances(  # type: ignore[no-untyped-def]
 
 
 def compiled_clearances(
-    links: Links, near: NearPairs, screws: FloatArray, V_W: FloatArray, holding: BoolArray
+    links: Links,
+    near: NearPairs,
+    screws: FloatArray,
+    V_W: FloatArray,
+    holding: BoolArray,
+    rate: float,
 ) -> Clearances:
     """See `clearances`."""
     k, nq = len(near.link), screws.shape[1]
     found = Clearances(np.empty((k, nq)), np.empty(k), np.empty(k, dtype=np.int64))
     of_links = links.finger, links.is_tip, links.is_last, links.moves
-    count = write_clearances(*of_links, *near, screws, V_W, holding, *found)
+    count = write_clearances(*of_links, *near, screws, V_W, holding, rate, *found)
     return Clearances(found.rows[:count], found.least[:count], found.fingers[:count])
 
 

@@ -1,5 +1,6 @@
 """Constraints on a hand's velocities that keep its links clear of what is near."""
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -23,14 +24,21 @@ INFLUENCE = 0.025
 TIP_LEAD = 0.002
 """Least distance by which a fingertip is nearer to the object than its links, in metres."""
 
-RATE = 15.0
-"""Largest ratio of the speed of approach to the distance that is left, in 1/s."""
+_BRAKING = 1.125  # Ratio of the braking at the start of the influence to that of the fingertips.
 
 RETREAT = 0.05
 """Largest speed at which a clearance that is violated is restored, in m/s."""
 
-FASTEST_APPROACH = RATE * INFLUENCE
-"""Largest speed at which links can slow down in time, in m/s."""
+
+def approach_rate(acceleration: float) -> float:
+    """Returns the largest ratio c of the speed of approach to the distance g that is left, in 1/s.
+
+    A link that approaches at c g brakes with c² g: most at the start of the influence.
+
+    Args:
+        acceleration: Largest acceleration of fingertips on the way to goals, in m/s².
+    """
+    return math.sqrt(_BRAKING * acceleration / INFLUENCE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +91,12 @@ class Clearances(NamedTuple):
 
 
 def clearances(
-    links: Links, near: NearPairs, screws: FloatArray, V_W: FloatArray, holding: BoolArray
+    links: Links,
+    near: NearPairs,
+    screws: FloatArray,
+    V_W: FloatArray,
+    holding: BoolArray,
+    rate: float,
 ) -> Clearances:
     """Returns the constraints on the hand's velocities.
 
@@ -97,6 +110,7 @@ def clearances(
         V_W: Angular velocity of the object, and velocity at the origin of W, shape (6,).
         holding: Whether each fingertip holds the object or closes on it, shape (n,): it may touch
             it, but its links stay farther from it.
+        rate: Largest ratio of the speed of approach to the distance that is left, in 1/s.
     """
     link, other, gaps, p_WC, normals = near
     m = len(links.finger)
@@ -108,7 +122,7 @@ def clearances(
     along = np.concatenate([moments, normals], axis=1)
     rates = (along @ screws) * (links.moves[link] - links.moves[other])
     drift = is_object * (along @ V_W)
-    speeds = np.minimum(RATE * (least_gaps - gaps), RETREAT) + drift
+    speeds = np.minimum(rate * (least_gaps - gaps), RETREAT) + drift
     if not holding.any():
         return Clearances(rates, speeds, finger)
     holds = np.append(holding, False)[finger]  # The base is the last one.
@@ -118,7 +132,7 @@ def clearances(
     behind = is_object & ~is_tip & links.is_last[link] & holds & (touching[finger] >= 0)
     tip = touching[finger[behind]]
     rates[behind] -= rates[tip]
-    leads = RATE * (TIP_LEAD - (gaps[behind] - gaps[tip]))
+    leads = rate * (TIP_LEAD - (gaps[behind] - gaps[tip]))
     speeds[behind] = np.minimum(leads, 0.0) + drift[behind] - drift[tip]
     kept = among_fingers | ~(is_tip & holds)
     return Clearances(rates[kept], speeds[kept], finger[kept])

@@ -9,7 +9,7 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from drake_pregrasp.arrays import FloatArray, are_valid
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.grasping.clearances import FASTEST_APPROACH
+from drake_pregrasp.grasping.clearances import INFLUENCE, approach_rate
 from drake_pregrasp.grasping.fingertip_paths import Pace
 from drake_pregrasp.grasping.forward_kinematics import HandPose
 from drake_pregrasp.grasping.grasp_state import NO_LIMIT, NOT_BLOCKED
@@ -135,7 +135,8 @@ class DifferentialKinematics(LeafSystem):
             raise InvalidArgumentError(f"the hand has {nq} joints, not {np.size(initial)}")
         self._home, self._yaw_range = home, yaw_range
         self._step, self._feeds_inertia = plant_time_step, feeds_inertia
-        self._pace = Pace(FASTEST_APPROACH, _USED * acceleration, period)
+        self._rate = approach_rate(acceleration)
+        self._pace = Pace(self._rate * INFLUENCE, _USED * acceleration, period)
         change = hand.acceleration_limit * period
         self._limits = JointLimits(hand.lower, hand.upper, hand.rate_limit, change)
         self._palm = scoped_frame(hand.plant, base.palm_frame) if base.palm_frame else None
@@ -230,7 +231,7 @@ class DifferentialKinematics(LeafSystem):
             V_WP[3:] = self._pace.limited(V_WP[None, 3:], (J_WP[3:] @ v_last)[None])[0]
             J, V = np.concatenate([J, _PALM_SHARE * J_WP]), np.concatenate([V, _PALM_SHARE * V_WP])
         v_posture = GAIN * (self._base.posture(self._home, p_WL, yaw) - q)
-        clear = self._scene.clearances(placed, pose, command)
+        clear = self._scene.clearances(placed, pose, command, self._rate)
         return kernels.next_velocities(q, v_last, J, V, v_posture, self._limits, clear)
 
     def _calc_pose(self, context: Context) -> HandPose:

@@ -192,7 +192,9 @@ class HandScene:
         for geometry in names.values():
             self._graph.RemoveGeometry(graph, self._source, geometry)
 
-    def clearances(self, context: Context, pose: HandPose, command: GraspCommand) -> Clearances:
+    def clearances(
+        self, context: Context, pose: HandPose, command: GraspCommand, rate: float
+    ) -> Clearances:
         """Returns the constraints on the hand's velocities.
 
         Args:
@@ -200,6 +202,7 @@ class HandScene:
             pose: Kinematics of the hand there.
             command: Motion of the object, and which fingertips hold it or close on it: these are
                 kept clear of other fingers only.
+            rate: Largest ratio of the speed of approach to the distance that is left, in 1/s.
         """
         query = self._query.Eval(self._graph.GetMyContextFromRoot(context))
         index, rest = self._index, len(self._index)
@@ -226,7 +229,7 @@ class HandScene:
             gaps[rows], p_WC[rows], normals[rows] = self._nearest(solid, link[rows], pose)
         V_W = np.concatenate([w_WO, v_WO + skew(p_WO) @ w_WO])  # At the origin of W.
         near = NearPairs(link, other, gaps, p_WC, normals)
-        return self.kernels.clearances(self._links, near, pose.screws, V_W, holding)
+        return self.kernels.clearances(self._links, near, pose.screws, V_W, holding, rate)
 
     def _nearest(
         self, solid: SignedDistance, link: IntArray, pose: HandPose

@@ -43,7 +43,7 @@ def test_clearances_are_those_of_the_reference(seed):
     moves = np.vstack([rng.random((M, NQ)) < 0.5, np.zeros((2, NQ))]).astype(float)
     is_tip &= finger != BASE
     links = Links(finger, is_tip, (rng.random(M) < 0.7) & (finger != BASE), moves)
-    others = rng.normal(size=(6, NQ)), rng.normal(size=6), rng.random(N) < 0.5 * (seed % 3)
+    others = rng.normal(size=(6, NQ)), rng.normal(size=6), rng.random(N) < 0.5 * (seed % 3), 15.0
     near = random_pairs(rng, 1 + seed % 14)
     expected = clearances(links, near, *others)
     for name, found in compiled_clearances(links, near, *others)._asdict().items():
