@@ -87,6 +87,9 @@ class DepthSensorConfig:
     # Points above this height over the table are left out, in metres.
     ceiling: float = field(default=0.3, metadata={"at_least": -10, "at_most": 10})
 
+    # Scale of the mesh with which the object is seen and felt, over the true one.
+    mesh_scale: float = field(default=1.0, metadata={"at_least": 0.5, "at_most": 2})
+
 
 def camera_problems(config: DepthSensorConfig) -> Iterator[tuple[str, str]]:
     """Yields the key and the problem, in one line, of each camera that looks nowhere.

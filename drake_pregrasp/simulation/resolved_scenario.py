@@ -96,11 +96,13 @@ class ResolvedScenario:
 
     @property
     def seen_solid(self) -> MeshSolid | None:
-        """The object in O for an estimate from the points of cameras; None without cameras."""
-        if not self.scenario.depth_sensor.cameras:
+        """The object in O for an estimate from points and contacts; None if it needs neither."""
+        if not (self.scenario.depth_sensor.cameras or self.planner.estimator.bias_std):
             return None
-        solid = self.shape.solid
-        return solid if isinstance(solid, MeshSolid) else MeshSolid.of(self.shape.mesh)
+        solid, scale = self.shape.solid, self.scenario.depth_sensor.mesh_scale
+        if isinstance(solid, MeshSolid) and scale == 1:
+            return solid
+        return MeshSolid.of(self.shape.mesh.copy().apply_scale(scale))
 
     @property
     def no_touch_volumes(self) -> list[MovingSolid]:
