@@ -17,14 +17,14 @@ HALVES = [
 ]
 
 
-def check(hand, size, more, folder, mass=0.25, most=5.0):
+def check(hand, size, more, folder, mass=0.25):
     if lack := LACKING_HANDS.get(hand, ""):
         pytest.skip(lack)
     file = f"hand: {{file: package://drake_pregrasp/{hand}.yaml}}, initial_contacts: []"
     box = f"object: !Box {{size: {list(size)}, mass: {mass}}}"
     grasp = run_text("grasp_five_finger", f"{box}, {file}{more}", folder).summary["grasp"]
     assert grasp["phase"] == "hold"
-    assert max(grasp["moved_closing_mm"], grasp["moved_squeeze_mm"]) < most
+    assert max(grasp["moved_closing_mm"], grasp["moved_squeeze_mm"]) < 5
     assert max(grasp["turned_closing_deg"], grasp["turned_squeeze_deg"]) < 5
 
 
@@ -43,8 +43,7 @@ def test_a_box_on_a_belt_moves_with_the_belt(hand, tmp_path):
 
 @pytest.mark.slow
 def test_fingers_in_a_row_do_not_cross_before_a_thin_box(tmp_path):
-    # A fingertip pushes this heavy box of 30 mm a little farther than held boxes may move.
-    check("allegro_hand", (0.1, 0.03, 0.15), "", tmp_path, mass=0.35, most=6.0)
+    check("allegro_hand", (0.1, 0.03, 0.15), "", tmp_path, mass=0.35)
 
 
 @pytest.mark.slow
