@@ -5,11 +5,11 @@ forces.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drake_pregrasp.arrays import BoolArray
+from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.grasping.grasp_state import (
     NOT_BLOCKED,
     RELEASE_SHARE,
@@ -17,7 +17,6 @@ from drake_pregrasp.grasping.grasp_state import (
     GraspPhase,
     GraspSettings,
     GraspState,
-    GraspView,
     Ramp,
     Squeeze,
 )
@@ -35,6 +34,42 @@ _EASING = 0.2  # Share of the closing speed with which fingers give up this stra
 _FOLLOWS = 0.25  # Share of a small commanded force from which on a finger presses.
 _SLOWER = 0.25  # Share of the pace of the squeeze while a finger does not press.
 _ALMOST = 0.9  # Share of the forces that is not exceeded meanwhile.
+
+
+@dataclass(frozen=True, eq=False)
+class GraspView:
+    """Observations at a tick; NaN where a finger's value is unknown.
+
+    Attributes:
+        time: Time of the tick, in seconds.
+        close: Whether the hand is commanded to close.
+        active: Whether each finger has an active contact, shape (n,).
+        distances: Distance of each fingertip from its goal, shape (n,), in metres.
+        gaps: Gap between each fingertip and the surface at its contact, shape (n,), in metres.
+        presses: Normal force of each fingertip on the object, shape (n,), in newtons; ignored until
+            the hand closes.
+        wanted: Normal force with which each fingertip should press, shape (n,), in newtons.
+        surface_gaps: Gap between each fingertip and the nearest point of the surface, shape (n,),
+            in metres; ignored until the hand closes.
+        rows: Displacement of the surface along its normal there by a unit change of
+            `GraspState.offset`, shape (n, 3); ignored until the hand closes.
+        is_tracked: Whether the object is tracked.
+        blocked: Index of the finger that stops the hand, `BASE`, or `NOT_BLOCKED`.
+        has_met: Whether the palm has met the object.
+    """
+
+    time: float
+    close: bool
+    active: BoolArray
+    distances: FloatArray
+    gaps: FloatArray
+    presses: FloatArray
+    wanted: FloatArray
+    surface_gaps: FloatArray
+    rows: FloatArray
+    is_tracked: bool = True
+    blocked: int = NOT_BLOCKED
+    has_met: bool = False
 
 
 def grasp_problem(

@@ -1,4 +1,4 @@
-"""Phases, settings, state and observations of a grasp."""
+"""Phases, settings, state and forces of a grasp."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,6 +23,9 @@ NO_LIMIT = 1e6
 
 GENTLE = 1.5
 """Factor of the touch force: the largest horizontal force of a finger that touches."""
+
+WEIGHT_DURATION = 0.1
+"""Time in which fingers take over the weight at the start of the lift, in seconds."""
 
 
 class GraspPhase(IntEnum):
@@ -164,6 +167,11 @@ class GraspSettings:
     least_fingers: int = 3
     squeeze_limit: float = 2.0
     imbalance: float = 0.2
+
+    @property
+    def lift_acceleration(self) -> float:
+        """Largest acceleration of a ramp of height h and duration T, 6 h/T², in m/s²."""
+        return 6 * self.lift_height / self.lift_duration**2
 
     @property
     def closing_duration(self) -> float:
@@ -325,6 +333,31 @@ class GraspState:
             return share
         return share + (1 - share) * min(1.0, touch_force / float(least))
 
+    def touch_forces(self, nhat: FloatArray, touch_force: float) -> FloatArray:
+        """Returns the forces with which fingertips that touch do not bounce off, in G, shape (n, 3).
+
+        Args:
+            nhat: Outward unit normals at the contacts in G, shape (n, 3).
+            touch_force: Least normal force that counts as touch.
+        """
+        touching = self.touched[:, None] & np.isfinite(nhat)
+        return np.asarray(-touch_force * np.where(touching, nhat, 0.0))
+
+    def planned_forces(self, since: float, settings: GraspSettings) -> FloatArray:
+        """Returns the forces with which the fingertips should press, in G, shape (n, 3).
+
+        On the table they balance each other; for the lift they take over the weight, and at the end
+        of the stop they no longer decelerate the object.
+
+        Args:
+            since: Time since the object began to stop, in seconds; 0 before.
+            settings: Settings of the grasp.
+        """
+        stopped = min(1.0, max(0.0, since - settings.stop_duration) / WEIGHT_DURATION)
+        external = self.forces - self.internal - stopped * self.stopping
+        forces = self.internal + min(1.0, since / WEIGHT_DURATION) * external
+        return np.asarray(self.applied_share(settings.touch_force) * forces)
+
     def to_vector(self) -> FloatArray:
         """Returns the state as one vector."""
         return pack(self)
@@ -335,42 +368,6 @@ def state_unpacker(num_fingers: int) -> Callable[[FloatArray], GraspState]:
     # Only types and shapes matter: integer settings would round the unpacked values.
     any_settings = GraspSettings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     return unpacker(GraspState.first(num_fingers, any_settings))
-
-
-@dataclass(frozen=True, eq=False)
-class GraspView:
-    """Observations at a tick; NaN where a finger's value is unknown.
-
-    Attributes:
-        time: Time of the tick, in seconds.
-        close: Whether the hand is commanded to close.
-        active: Whether each finger has an active contact, shape (n,).
-        distances: Distance of each fingertip from its goal, shape (n,), in metres.
-        gaps: Gap between each fingertip and the surface at its contact, shape (n,), in metres.
-        presses: Normal force of each fingertip on the object, shape (n,), in newtons; ignored until
-            the hand closes.
-        wanted: Normal force with which each fingertip should press, shape (n,), in newtons.
-        surface_gaps: Gap between each fingertip and the nearest point of the surface, shape (n,),
-            in metres; ignored until the hand closes.
-        rows: Displacement of the surface along its normal there by a unit change of
-            `GraspState.offset`, shape (n, 3); ignored until the hand closes.
-        is_tracked: Whether the object is tracked.
-        blocked: Index of the finger that stops the hand, `BASE`, or `NOT_BLOCKED`.
-        has_met: Whether the palm has met the object.
-    """
-
-    time: float
-    close: bool
-    active: BoolArray
-    distances: FloatArray
-    gaps: FloatArray
-    presses: FloatArray
-    wanted: FloatArray
-    surface_gaps: FloatArray
-    rows: FloatArray
-    is_tracked: bool = True
-    blocked: int = NOT_BLOCKED
-    has_met: bool = False
 
 
 class Squeeze(NamedTuple):

@@ -26,13 +26,12 @@ from drake_pregrasp.config.hand_description import Fingertip
 from drake_pregrasp.config.validation import checked
 from drake_pregrasp.geometry.rotations import skew
 from drake_pregrasp.geometry.solids import SignedDistance
-from drake_pregrasp.grasping.grasp_phases import next_state
+from drake_pregrasp.grasping.grasp_phases import GraspView, next_state
 from drake_pregrasp.grasping.grasp_state import (
     BASE,
     NOT_BLOCKED,
     GraspPhase,
     GraspState,
-    GraspView,
     Squeeze,
     state_unpacker,
 )
@@ -73,7 +72,6 @@ _AT_REST = HeldMotion.at_rest()
 _unpack_motion = unpacker(_AT_REST)
 _UP = np.array([0.0, 0.0, 1.0])
 _ON_TABLE = np.array([[0.0, 0.0, 1.0], [1.0, 1.0, 0.0]])  # Turns and velocities of a belt.
-_WEIGHT_DURATION = 0.1  # Seconds in which fingers take over the weight at the start of the lift.
 
 
 class GraspSequencer(LeafSystem):
@@ -100,10 +98,9 @@ class GraspSequencer(LeafSystem):
         - grasp_report
         - V_WO_held
 
-    Port `close` accepts a vector of 1: above 0.5, the hand must close and stay closed. It closes
-    once enough fingers are active, all of these are at their goals, and they can balance the
-    object's weight. After `gate_limit` it closes without the fingers that are off their goals, or
-    gives up if the others cannot hold the object. NaN keeps the last command.
+    Port `close` accepts a vector of 1: above 0.5, the hand must close and stay closed. NaN keeps
+    the last command. The hand closes once enough fingers are active and at their goals, and can
+    balance the object's weight; after `gate_limit`, without fingers that are off their goals.
 
     Port `contacts` accepts a vector of 7n, as `HandGoalShaper` emits it. If an active contact is
     not finite, no force balances the weight.
@@ -134,17 +131,14 @@ class GraspSequencer(LeafSystem):
     and the velocity of the palm's axis until then (`InterceptionPlanner`). While it is not finite,
     apart from the time, the hand is raised over the object.
 
-    Port `command` emits a `GraspCommand`. Its frame G is the estimated pose of O, raised or on its
-    way to the meeting while the hand approaches. When the squeeze begins, fingertips stick to the
-    object, and G moves on with the estimated twist of the belt. It yields to the object's push
-    (`HeldMotion.yielding`), so a table that accelerates takes the hand along; it stays within
-    `TETHER` of the estimate. In the air, G moves on as the object falls. For the lift, G stops with
-    a constant deceleration and moves straight along `lift_direction`.
-    Contacts are held from closing or giving up
+    Port `command` emits a `GraspCommand`. Its frame G is the estimated pose of O, or on its way
+    there while the hand approaches. From the squeeze on, G moves with the object that the fingers
+    hold (`HeldMotion`), within `TETHER` of the estimate; for the lift it stops with a constant
+    deceleration, and moves along `lift_direction`. Contacts are held from closing or giving up
     until the next approach. A finger holds from the moment the hand closes until it releases; it
     may avoid obstacles at other times. The forces, once the hand closes, are those at the points of
-    the object nearest to the fingertips. They balance the weight and the acceleration of stop
-    and lift. The table carries the weight until the lift; in the air there is none until then.
+    the object nearest to the fingertips. They balance the weight and the acceleration of stop and
+    lift; until the lift, only their part without a wrench is commanded.
 
     Port `X_WG` emits a `RigidTransform`: the pose of the frame G of the command.
 
@@ -295,6 +289,11 @@ class GraspSequencer(LeafSystem):
         if state.phase == GraspPhase.APPROACH and are_valid(approach):
             (p_WL, v_WL), p_GL_W, raised, rising = approach, R_WG @ self._p_OCoM, 0.0, 0.0
             p_WG, V_WG = p_WL - p_GL_W, np.array([V_WG[0], v_WL - skew(V_WG[0]) @ p_GL_W])
+        if state.forces.any():
+            since = 0.0 if memory.stands else time - memory.last.time
+            forces = state.planned_forces(since, settings)
+        else:
+            forces = state.touch_forces(self._contact_frames(context)[1], settings.touch_force)
         return GraspCommand(
             R_WO=R_WO,
             p_WO=p_WO,
@@ -306,7 +305,7 @@ class GraspSequencer(LeafSystem):
             holds_contacts=state.holds_contacts,
             standoffs=state.standoffs,
             fingers_hold=state.fingers_hold,
-            f_T_W=self._fingertip_forces(context, R_WG),
+            f_T_W=forces @ R_WG.T,
             force_limits=state.force_limits(settings.touch_force),
         )
 
@@ -403,8 +402,7 @@ class GraspSequencer(LeafSystem):
             p_OC = p_GT - heights[:, None] * nhat
         command: GraspCommand = self._command.Eval(context)
         R_WG, settings = command.R_WG, self._settings  # Contacts and forces are in G.
-        # A ramp of duration T over the height h accelerates by at most 6 h / T^2.
-        lift = 6 * settings.lift_height / settings.lift_duration**2 * self._lift_axis
+        lift = settings.lift_acceleration * self._lift_axis
         stop = -(command.V_WG[1] + settings.squeeze_duration * self._fall) / settings.stop_duration
         jacobians = None
         if self._J_WT.HasValue(context):
@@ -419,24 +417,6 @@ class GraspSequencer(LeafSystem):
             jacobians=jacobians,
             efforts=self._efforts,
         )
-
-    def _fingertip_forces(self, context: Context, R_WG: FloatArray) -> FloatArray:
-        """Returns the forces that the fingertips should press with, in W, shape (n, 3).
-
-        On the table they balance each other once all fingers touch; for the lift they take over the
-        weight. Until then, a fingertip that touches presses so that it does not bounce off.
-        """
-        state, last, *_, stands, _ = self._memory.Eval(context)
-        touch_force = self._settings.touch_force
-        if not state.forces.any():
-            _, nhat, _ = self._contact_frames(context)
-            pressed = np.where(state.touched[:, None] & np.isfinite(nhat), nhat, 0.0)
-            return np.asarray(-touch_force * pressed @ R_WG.T)
-        since = 0.0 if stands else context.get_time() - last.time
-        stopped = min(1.0, max(0.0, since - self._settings.stop_duration) / _WEIGHT_DURATION)
-        external = state.forces - state.internal - stopped * state.stopping
-        forces = state.internal + min(1.0, since / _WEIGHT_DURATION) * external
-        return np.asarray(state.applied_share(touch_force) * forces @ R_WG.T)
 
     def _calc_report(self, context: Context) -> list[float]:
         state: GraspState = self._memory.Eval(context).state

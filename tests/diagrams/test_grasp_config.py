@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from drake_pregrasp import GraspConfig, InvalidArgumentError, PlannerConfig
 from drake_pregrasp.config.hand_description import Closing, Fingertip
 from drake_pregrasp.contacts.assignment import FREE_TURN
-from drake_pregrasp.grasping.grasp_phases import next_state
-from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState, GraspView, Squeeze
+from drake_pregrasp.grasping.grasp_phases import GraspView, next_state
+from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState, Squeeze
 
 N, PERIOD = 4, 0.002
 ALL = np.ones(N, dtype=bool)

@@ -16,7 +16,6 @@ from drake_pregrasp.grasping.grasp_state import (
     GiveUp,
     GraspPhase,
     GraspState,
-    GraspView,
     Ramp,
     Squeeze,
     describe_give_up,
