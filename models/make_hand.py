@@ -65,7 +65,7 @@ FAST = """\
 # 25 m/s2. The same toothed-belt axis, ELGA-TB-KF-70 of Festo, allows 5 m/s and 50 m/s2 with a feed
 # force of 350 N; 25 m/s2 of the slowest axis of the model, 11 kg with its motor, take 280 N. It is
 # idealised: the beams of a real gantry with 3 m of travel are heavier, and they bend.
-# Fingers touch at most 0.7 rad off the plane across the palm's axis (incidence), so that an object
+# Fingers touch at most 0.5 rad off the plane across the palm's axis (incidence), so that an object
 # that comes along this axis passes between their tips.
 model: package://drake_pregrasp/five_finger_hand.sdf
 base: !Carrier {joints: [x, y, z, yaw], palm_height: 0.155}
@@ -318,7 +318,7 @@ def main() -> None:
     (FOLDER / "five_finger_palm.sdf").write_text(model, encoding="utf-8")
     fast = {**AXIS_DRIVE, "p": "1.0e+5", "speed": 3.0, "acceleration": 25}
     drives = [drive("x, y, z", fast), drive("yaw", WRIST_DRIVE), drive("", FINGER_DRIVE)]
-    tips = fingertips(azimuths, ", incidence: 0.7", " closing: {speed: 0.5},")
+    tips = fingertips(azimuths, ", incidence: 0.5", " closing: {speed: 0.5},")
     text = "".join([FAST, *drives, "fingertips:\n", tips])
     (FOLDER / "five_finger_fast.yaml").write_text(text, encoding="utf-8")
 

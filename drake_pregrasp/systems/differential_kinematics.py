@@ -9,7 +9,7 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from drake_pregrasp.arrays import FloatArray, are_valid
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.grasping.clearances import INFLUENCE, approach_rate
+from drake_pregrasp.grasping.clearances import approach_rate
 from drake_pregrasp.grasping.fingertip_paths import Pace
 from drake_pregrasp.grasping.forward_kinematics import HandPose
 from drake_pregrasp.grasping.grasp_state import NO_LIMIT, NOT_BLOCKED
@@ -25,6 +25,7 @@ from drake_pregrasp.systems.palm_frames import pose_error
 GAIN = 5.0
 """Ratio of the velocity of palm and posture to their distance from their goals, in 1/s."""
 
+_FASTEST = 0.375  # Largest speed of fingertips and palm toward their goals, in m/s.
 _USED = 0.75  # Share of the limit of acceleration that is commanded: drives and clearances add.
 _PALM_SHARE = 0.2  # Weight of an arm's palm against fingertips, where both cannot have their goals.
 _IN_W = np.eye(3), np.zeros(3)  # Rotation and position of W in itself.
@@ -136,7 +137,7 @@ class DifferentialKinematics(LeafSystem):
         self._home, self._yaw_range = home, yaw_range
         self._step, self._feeds_inertia = plant_time_step, feeds_inertia
         self._rate = approach_rate(acceleration)
-        self._pace = Pace(self._rate * INFLUENCE, _USED * acceleration, period)
+        self._pace = Pace(_FASTEST, _USED * acceleration, period)
         change = hand.acceleration_limit * period
         self._limits = JointLimits(hand.lower, hand.upper, hand.rate_limit, change)
         self._palm = scoped_frame(hand.plant, base.palm_frame) if base.palm_frame else None
