@@ -334,7 +334,7 @@ class GraspState:
         return share + (1 - share) * min(1.0, touch_force / float(least))
 
     def touch_forces(self, nhat: FloatArray, touch_force: float) -> FloatArray:
-        """Returns the forces with which fingertips that touch do not bounce off, in G, shape (n, 3).
+        """Returns the forces with which fingertips that touch do not bounce off, in G, (n, 3).
 
         Args:
             nhat: Outward unit normals at the contacts in G, shape (n, 3).

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drake_pregrasp.config.grasp_config import GraspConfig
-from drake_pregrasp.grasping.grasp_phases import next_state
+from drake_pregrasp.grasping.grasp_phases import GraspView, next_state
 from drake_pregrasp.grasping.grasp_state import (
     BASE,
     NOT_BLOCKED,
