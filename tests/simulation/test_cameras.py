@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from simulation_runs import points, run_log, run_text
 
-from drake_pregrasp import TrackingStatus, load_scenario
+from drake_pregrasp import TrackingStatus, load_scenario, resolve
 
 
 @pytest.mark.slow
@@ -21,3 +21,21 @@ def test_a_hand_lifts_what_it_sees_and_feels(tmp_path):
     assert grasp["phase"] == "hold"
     assert grasp["lift_height_mm"] > 90
     assert grasp["moved_closing_mm"] < 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["see_by_profile", "feel_wrong_scale"])
+def test_touch_corrects_a_pose_sensor_and_a_wrong_mesh_does_no_harm(name, tmp_path):
+    result = run_text(name, "random_seed: 3", tmp_path)
+    log = run_log(result)
+    errors = points(log, "wo_estimated") - points(log, "wo")
+    np.testing.assert_allclose(errors[-1], 0.0, atol=2.5e-3)
+    assert result.summary["grasp"]["phase"] == "hold"
+    assert result.summary["grasp"]["moved_closing_mm"] < 2
+
+
+def test_a_wrong_mesh_has_another_size_than_the_object():
+    resolved = resolve(load_scenario("feel_wrong_scale"))
+    true, seen = resolved.shape.mesh.extents, resolved.seen_solid.corners
+    np.testing.assert_allclose(np.ptp(seen, axis=0), 1.02 * true)
+    assert resolve(load_scenario("a_base")).seen_solid is None
