@@ -112,7 +112,7 @@ class EstimatorConfig:
     # Seconds in which the correlation of the displacement falls to 1/e.
     bias_time: float = field(default=30.0, metadata={"above": 0, "at_most": 1e6})
 
-    # Whether fingertips correct it: those that press touch the surface, the others are outside.
+    # Whether fingertips measure the pose: those that press touch the surface, others are outside.
     touch: bool = True
 
     # Least force of a fingertip that touches, in newtons; that of `grasp` by default.

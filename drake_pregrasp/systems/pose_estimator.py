@@ -119,8 +119,8 @@ class PoseEstimator(LeafSystem):
     Without a pose to start from, at first and after a loss, they are registered (`register_pose`).
 
     Ports `p_WT` and `f_T_W` (optional, of the same size) accept vectors of 3n: the fingertips'
-    centres in W, in metres, and the forces that they press with, in W, in newtons. With `bias_std`
-    and `touch` of `config`, they measure the pose without the offset of cameras (`felt`).
+    centres in W, in metres, and the forces that they press with, in W, in newtons. With `touch`
+    of `config`, they measure the pose without the offset of cameras (`felt`).
 
     Port `X_WO_estimated` emits a `RigidTransform`: the estimated pose.
 
@@ -239,7 +239,7 @@ class PoseEstimator(LeafSystem):
             words, model, self._calc_track, state, time, *sensors
         )
         self._track = track = measured
-        if self._seen_object is not None and self._config.bias_std:
+        if self._seen_object is not None:
             words = "the same track after the contacts of that tick"
             sources = (state, time, measured, self._V_WO_held, *self._tips)
             self._track = track = cache(words, model, self._calc_felt, *sources)
