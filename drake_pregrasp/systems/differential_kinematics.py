@@ -27,7 +27,7 @@ GAIN = 5.0
 
 _FASTEST = 0.375  # Largest speed of fingertips and palm toward their goals, in m/s.
 _USED = 0.75  # Share of the limit of acceleration that is commanded: drives and clearances add.
-_PALM_SHARE = 0.2  # Weight of an arm's palm against fingertips, where both cannot have their goals.
+_PALM_SHARE = 0.2  # Weight of an arm's palm against fingertips that approach, if limits conflict.
 _IN_W = np.eye(3), np.zeros(3)  # Rotation and position of W in itself.
 
 
@@ -230,7 +230,8 @@ class DifferentialKinematics(LeafSystem):
             J_WP = point_jacobian(self._carrying * pose.screws, X_WP.translation())
             V_WP = GAIN * pose_error(X_WP, self._base.palm_goal(p_WL, yaw))
             V_WP[3:] = self._pace.limited(V_WP[None, 3:], (J_WP[3:] @ v_last)[None])[0]
-            J, V = np.concatenate([J, _PALM_SHARE * J_WP]), np.concatenate([V, _PALM_SHARE * V_WP])
+            share = 1.0 if command.fingers_hold.any() else _PALM_SHARE
+            J, V = np.concatenate([J, share * J_WP]), np.concatenate([V, share * V_WP])
         v_posture = GAIN * (self._base.posture(self._home, p_WL, yaw) - q)
         clear = self._scene.clearances(placed, pose, command, self._rate)
         return kernels.next_velocities(q, v_last, J, V, v_posture, self._limits, clear)

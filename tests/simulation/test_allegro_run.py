@@ -57,7 +57,7 @@ def test_no_swing_of_the_arm_shakes_the_object_in_the_squeeze(allegro_panda, tmp
 
 
 def test_two_fingers_and_the_thumb_lift_when_the_third_is_lost(allegro_panda, tmp_path):
-    lost = f"damage: [{{at: 2.0, contacts: [0]}}], {QUIET}, simulation_duration: 7.0"
+    lost = f"damage: [{{at: 2.0, contacts: [0]}}], {QUIET}, simulation_duration: 8.0"
     grasp = run_text(NAME, lost, tmp_path).summary["grasp"]
     assert (grasp["phase"], grasp["gave_up"]) == ("hold", None)
     assert grasp["lift_height_mm"] > 97
