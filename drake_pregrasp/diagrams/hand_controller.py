@@ -83,7 +83,7 @@ class HandController(Diagram):
         p_OC: Initial contacts in O, in the order of the fingers, shape (n, 3), in metres.
         target_period: Seconds between ticks of the planner.
         plant_time_step: Time step of the hand's plant, in seconds.
-        gravity: Acceleration of the object along -z of W until the meeting, in m/s².
+        gravity: Acceleration of the object along -z of W until the hand has gripped it, in m/s².
         diffusion: Spectral density of its random acceleration, in m²/s³.
         kernels: Implementation of the kinematics; that of `default_kernels` by default.
 

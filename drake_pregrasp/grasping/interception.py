@@ -46,7 +46,7 @@ class CatchLimit(IntEnum):
     Attributes:
         NONE: A meeting within all limits was found for the predicted motion.
         SIGHT: The object is not tracked.
-        REACH: The object or the path to it is outside the palm's travel.
+        REACH: The object, or each path to it that there is time for, is outside the palm's travel.
         SPEED: The palm would have to be faster than its axes are.
         ACCELERATION: The palm would have to accelerate more than its axes do.
         TIME: The object leaves the palm's travel before the hand has closed.

@@ -71,7 +71,8 @@ class InterceptionPlanner(LeafSystem):
         R_AW: Orientation of W in the approach A of the palm, shape (3, 3).
         p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
         p_WL: Initial place of the palm's axis in W, shape (3,), in metres.
-        commitment: Seconds before the meeting from which on it is not changed.
+        commitment: Seconds before the meeting from which on it is not changed; at least the time
+            until the meeting that `settings.earliest` asks for.
         predicts: Whether the object's motion is predicted; else it counts as resting.
         period: Seconds between ticks.
         kernels: Implementation of `choose_meeting`; by default that in numpy.
