@@ -52,7 +52,6 @@ from drake_pregrasp.systems.ports import (
 WAITING_STD = 1.0
 """Standard deviation of the position before the first measurement, in metres."""
 
-_UP = np.array([0.0, 0.0, 1.0])
 _UNKNOWN = np.full(6, np.nan)  # Twist of an object that no hand holds.
 
 
