@@ -57,11 +57,6 @@ class SurfacePoints:
         n = len(p_WQ)
         return SurfacePoints(p_WQ, np.zeros(n), np.full(n, std), np.zeros(n, dtype=bool))
 
-    def with_points(self, others: "SurfacePoints") -> "SurfacePoints":
-        """Returns these points and others."""
-        parts = zip(vars(self).values(), vars(others).values(), strict=True)
-        return SurfacePoints(*[np.concatenate(pair) for pair in parts])
-
 
 class Alignment(NamedTuple):
     """Pose for which points are on the surface, as far as they observe it.
