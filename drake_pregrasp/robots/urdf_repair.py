@@ -38,7 +38,7 @@ def _end(joint: Element, side: str) -> str:
 
 
 def drop_ignored(robot: Element) -> None:
-    """Removes elements of joints that Drake ignores with a warning."""
+    """Removes elements of joints that Drake ignores, and damping: that of drives replaces it."""
     for joint in robot.findall("joint"):
         for element in [element for element in joint if element.tag in _IGNORED]:
             joint.remove(element)
