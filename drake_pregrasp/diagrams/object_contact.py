@@ -37,7 +37,8 @@ def separate_contacts(
     The rest touches its hull.
 
     Links without hydroelastic properties have points of contact with the hull if the object is
-    convex. Otherwise they become compliant and touch the mesh (`make_compliant`). Geometries that are separated already stay as they are.
+    convex. Otherwise they become compliant and touch the mesh (`make_compliant`). Geometries that
+    are separated already stay as they are.
 
     Args:
         plant: Finalized plant with all bodies that the object may touch.
