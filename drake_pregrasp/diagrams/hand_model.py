@@ -33,7 +33,6 @@ from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 _TWO_TURNS = 4 * np.pi
 _DIRECTIONS = 3  # Number of joints that move a fingertip in all directions.
 _LARGEST_STEP = 0.012  # Largest distance to another place that a finger reaches, in metres.
-_REACHED = 0.002  # Largest distance of a fingertip from a place that it reaches, in metres.
 
 
 class HandModel:
@@ -229,17 +228,11 @@ class HandModel:
             The gaps, shape (n, k), in metres.
         """
         gaps = []
-        for tree, step, chain, samples, p in zip(
-            self.workspaces, self._steps, self.finger_chains, self._samples, p_HT, strict=True
+        for tree, step, chain, p in zip(
+            self.workspaces, self._steps, self.finger_chains, p_HT, strict=True
         ):
             bound = math.nextafter(step + largest, math.inf)  # Which is itself left out.
-            distances, nearest = tree.query(places := chain.along(p), distance_upper_bound=bound)
-            if len(chain.home) >= _DIRECTIONS:
-                near = np.flatnonzero(distances < bound)
-                q = chain.brought_to(places[near], samples[nearest[near]])
-                distances[near] = np.linalg.norm(chain.tips(q)[0] - places[near], axis=1)
-                distances[distances > _REACHED + largest] = np.inf
-                step = _REACHED
+            distances, _ = tree.query(chain.along(p), distance_upper_bound=bound)
             gaps.append(np.maximum(0.0, distances - step))
         return np.array(gaps)
 
@@ -251,12 +244,7 @@ class HandModel:
     @cached_property
     def workspaces(self) -> list[cKDTree]:
         """Places of each fingertip over the object, at evenly drawn positions of its joints."""
-        pairs = zip(self.finger_chains, self._samples, strict=True)
-        return [cKDTree(finger.tips(q)[0]) for finger, q in pairs]
-
-    @cached_property
-    def _samples(self) -> list[FloatArray]:
-        return [finger.samples() for finger in self.finger_chains]
+        return [cKDTree(finger.tips(finger.samples())[0]) for finger in self.finger_chains]
 
     @property
     def opening(self) -> float:

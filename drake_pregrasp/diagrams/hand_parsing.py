@@ -216,7 +216,7 @@ def _parse(plant: MultibodyPlant, model: CheckedModel, *, warns: bool) -> list[M
     except (RuntimeError, ValueError) as error:
         problem = first_line(error)
         if "pos_lower_limits" in problem:  # A condition of Drake's, which names no joint.
-            problem = "a joint has a lower limit above its upper one"
+            problem = "the lower limit of a joint must be at most its upper one"
         raise InvalidArgumentError(f"model: {path} is no model of a hand: {problem}") from error
     if warns and not is_own(path):
         for line in model.left_out:

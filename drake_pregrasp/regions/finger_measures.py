@@ -29,7 +29,7 @@ _NODES = 16  # Number of nodes along each axis of a lattice.
 _SAMPLES = 3000  # Places of a fingertip; 90 % are nearer to the next than half of 12 mm.
 _NEAR = 8  # Number of samples near a node, of which the one closest to home is taken.
 _STEPS = 12  # Number of steps from there to the node.
-_LAST = 4  # Number of the last steps, which lead only to the place.
+_LAST = 4  # Number of the last steps, which no longer lead toward home.
 _DAMPING = 0.01  # Damping of these steps, in metres per radian.
 _LEAST_SIZE = 1e-3  # Least size of a lattice, in metres.
 _HOMEWARD = 0.3  # Share of the distance to home per step, in the null space of the fingertip.
@@ -113,22 +113,12 @@ class FingerChain:
         _, near = cKDTree(self.tips(samples)[0]).query(p_UT, k=_NEAR)
         away = np.linalg.norm(samples[near] - self.home, axis=2)
         q: FloatArray = samples[near[np.arange(len(near)), np.argmin(away, axis=1)]]
-        return self.brought_to(p_UT, q, homeward_steps=_STEPS - _LAST)
-
-    def brought_to(self, p_UT: FloatArray, q: FloatArray, homeward_steps: int = 0) -> FloatArray:
-        """Returns positions of the joints, within their limits, closer to places, shape (m, k).
-
-        Args:
-            p_UT: Places of the fingertip in U, shape (m, 3), in metres.
-            q: Positions from which damped least-squares steps start, shape (m, k).
-            homeward_steps: Number of the first steps that also lead toward home.
-        """
         damping, free = _DAMPING**2 * np.eye(3), np.ones(q.shape, dtype=bool)
-        for step in range(homeward_steps + _LAST):
+        for step in range(_STEPS):
             p, J = self.tips(q)
             J = J * free[:, None]
             inverse = J.swapaxes(1, 2) @ np.linalg.inv(J @ J.swapaxes(1, 2) + damping)
-            homeward = _HOMEWARD * (self.home - q) * free * (step < homeward_steps)
+            homeward = _HOMEWARD * (self.home - q) * free * (step < _STEPS - _LAST)
             error = p_UT - p - (J @ homeward[:, :, None])[:, :, 0]
             goal = q + homeward + (inverse @ error[:, :, None])[:, :, 0]
             q = np.clip(goal, self.lower, self.upper)

@@ -191,7 +191,7 @@ class PregraspVisualizer(LeafSystem):
         is_planned = False
         if self._certificate.HasValue(context):
             limit, meeting_time, *p_WM = self._certificate.Eval(context)
-            is_planned = limit == CatchLimit.NONE and time < meeting_time
+            is_planned = bool(limit == CatchLimit.NONE and time < meeting_time)
         self._set(f"{ROOT}/meeting", "visible", is_planned, time)
         if is_planned:
             self._draw_covariance("meeting", np.array(p_WM), covariance, time)

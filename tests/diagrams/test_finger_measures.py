@@ -61,17 +61,6 @@ def test_chains_of_every_hand_move_as_in_drake(name):
         assert np.median(np.linalg.norm(closer[inner], axis=1)) < 0.05
 
 
-def test_a_finger_reaches_where_its_joints_bring_it_and_no_farther():
-    """Also between the samples of its workspace, which are up to 12 mm apart."""
-    q = [np.random.default_rng(1).uniform(c.lower, c.upper, (50, 3)) for c in HAND.finger_chains]
-    tips = np.array([c.tips(own)[0] for c, own in zip(HAND.finger_chains, q, strict=True)])
-    assert np.all(HAND.workspace_gaps(tips) == 0)
-    ends = [tree.data[np.argmin(tree.data[:, 2])] for tree in HAND.workspaces]
-    below = np.array(ends)[:, None] - [0.0, 0.0, 0.008]
-    assert np.all(HAND.workspace_gaps(below) > 0.002)
-    assert np.all(HAND.workspace_gaps(below) < 0.008)
-
-
 def reached_candidates(finger):
     """Candidates that a finger reaches, and its exact postures there."""
     chain, p_UT = HAND.finger_chains[finger], CUBE.p_OQ + R_TIP * CUBE.nhat_OQ

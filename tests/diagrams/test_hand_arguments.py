@@ -99,7 +99,7 @@ def test_a_hand_is_completed_before_the_plant_is_finalized_and_added_after():
 @pytest.mark.parametrize(
     ("old", "new", "problem"),
     [
-        ('lower="0" upper="2.4"', 'lower="2.4" upper="0"', "has a lower limit above its upper one"),
+        ('lower="0" upper="2.4"', 'lower="2.4" upper="0"', "must be at most its upper one"),
         ('velocity="5.0"', 'velocity="0"', "the speed limit of swing_0, pitch_0, .* is 0"),
     ],
 )

@@ -43,7 +43,8 @@ def test_a_proposal_is_close_to_the_shipped_description_and_loads(name, tmp_path
     up = OBJECT_RADIUS if getattr(shipped.base, "over_top", False) else 0.0
     most = 0.04 if isinstance(own.base, Arm) else 0.02
     assert own.palm_height == pytest.approx(shipped.palm_height + up, abs=most)
-    assert bool(own.drives) == bool(shipped.drives)
+    # The model that two hands share has the drives of one of them.
+    assert bool(own.drives) == (bool(shipped.drives) and name != "five_finger_fast")
     places = {tip.link or tip.frame: tip for tip in own.fingertips}
     for tip in shipped.fingertips:
         ours = places[tip.link or tip.frame]

@@ -46,7 +46,7 @@ def ticks_of(records):
 
 def motion_of(records, close_at, *, is_carried=True, shakes=True):
     """Returns the `held_measures` of records of an object with its centre of mass at its origin."""
-    still = {"is_carried": is_carried, "shakes": shakes}
+    still = {"is_carried": is_carried, "falls": False, "shakes": shakes}
     return held_measures(ticks_of(records), np.zeros(3), close_at, **still)
 
 

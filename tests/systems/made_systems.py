@@ -259,6 +259,7 @@ VALUES = {
     "p_WT": (ring(0.05 + RADIUS + 0.02).ravel(), (ring(0.05) + 0.01).ravel()),
     "f_T_W": (np.zeros(3 * N), np.ones(3 * N)),
     "J_WT": (np.zeros(3 * N * NQ), np.ones(3 * N * NQ)),
+    "inertial_torque": (np.zeros(NQ), np.ones(NQ)),
     "hand_state": (np.zeros(2 * NQ), np.full(2 * NQ, 0.1)),
     "net_actuation": (np.ones(NQ), np.full(NQ, 2.0)),
 }
