@@ -118,7 +118,8 @@ SLOW_TO_LOAD = (*("finger_measures", "grasp_from_side", "grasp_shadow"),)
 
 def usable_scenarios() -> list[Any]:
     """The names of the shipped scenarios; those of hands that are not there are skipped."""
-    lacking = {"grasp_allegro_panda": lacking_robots(), "grasp_shadow": lacking_shadow()}
+    lacking = dict.fromkeys(("grasp_allegro_panda", "see_with_allegro"), lacking_robots())
+    lacking["grasp_shadow"] = lacking_shadow()
     return _usable(shipped_scenarios(), lacking)
 
 
