@@ -7,7 +7,6 @@ from drake_pregrasp.studies.study_file import load_study
 from drake_pregrasp.studies.study_run import StudyRun
 
 CASES = [
-    ("static_versus_dynamic", "nominal", "dynamic_reach", {}),
     ("static_versus_dynamic", "two_lost", "fixed_plan", {}),
     ("household", "five_finger_hand", "", {"object": "mug"}),
 ]
