@@ -27,9 +27,7 @@ from drake_pregrasp.geometry.mesh_solid import MeshSolid
 
 _PASSES = 2  # Linearizations of the distances.
 _GATE = 9.0  # Squared Mahalanobis distance up to which something touches: three deviations.
-_VAGUE = (
-    0.03**2
-)  # Variance of a distance, besides that of the offset, with which chance explains all.
+_VAGUE = 9e-4  # Variance of a distance, in m², besides the offset's, with which all is likely.
 _NEAR = 0.004  # Distance within the margin of the grid, in metres.
 _UP = np.array([0.0, 0.0, 1.0])
 

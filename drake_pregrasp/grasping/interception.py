@@ -317,7 +317,8 @@ def _paths(
     falls = (rates + PEAK_SPEED * heights / down) / limits.speed[2]
     yields = (np.abs(motion[2, 2]) + PEAK_ACCELERATION * heights / down**2) / limits.acceleration[2]
     stops = np.array([falls, np.broadcast_to(yields, falls.shape), np.zeros(falls.shape)])
-    paths = np.concatenate([direct[:, :, None, None] + 0 * stops[..., :1], stops], axis=3)
+    passes = np.broadcast_to(direct[:, :, None, None], (*stops.shape[:3], 1))
+    paths = np.concatenate([passes, stops], axis=3)
     paths[..., 1:] = np.maximum(paths[..., 1:], over[:, begun])
     paths = np.maximum(paths, sideways[:, begun][..., None])
     paths[2] = np.maximum(paths[2], (earlier < 0)[..., None])

@@ -77,11 +77,11 @@ class Slider:
                 owner, _, key = path.rpartition(".")
                 # A field that excludes the slider's end gets the tenth of a step beside it.
                 is_excluded = value <= rules.get("above", -math.inf)
-                least = rules["above"] + self.step * self.unit / 10 if is_excluded else value
+                after = rules["above"] + self.step * self.unit / 10 if is_excluded else value
                 before = attrgetter(path)(scenario)
                 if isinstance(before, list):  # A vector keeps its direction.
-                    least = (np.array(before) * least / np.linalg.norm(before)).tolist()
-                setattr(attrgetter(owner)(scenario), key, least)
+                    after = (np.array(before) * after / np.linalg.norm(before)).tolist()
+                setattr(attrgetter(owner)(scenario), key, after)
             if "planner.period" in self.fields:
                 _fit_time_step(scenario)
 

@@ -185,7 +185,7 @@ class GraspSequencer(LeafSystem):
         self._config, self._mass, self._p_OCoM = config, mass, np.array(p_OCoM)
         self._settings = config.make_settings(fingertips)
         self._palm_axis, self._lift_axis = palm_axis, config.lift_axis
-        self._fall = -gravity * _UP
+        self._in_air, self._fall = gravity > 0, -gravity * _UP
         self._solid, self._efforts = object_solid, np.empty(0) if efforts is None else efforts
         self._stiffness: FloatArray = np.broadcast_to(np.asarray(stiffness, dtype=float), n)
         self._radius = np.array([tip.radius for tip in fingertips])
@@ -238,7 +238,7 @@ class GraspSequencer(LeafSystem):
         has_lifted = state.phase > GraspPhase.SQUEEZE
         opened = state.phase == GraspPhase.BACK_OFF and state.since <= last.time
         is_gripped = math.isfinite(state.gripped) and (has_lifted or sticks)
-        if self._fall.any() and GraspPhase.CLOSE <= state.phase <= GraspPhase.SQUEEZE:
+        if self._in_air and GraspPhase.CLOSE <= state.phase <= GraspPhase.SQUEEZE:
             is_gripped = last.time >= state.since  # From the first tick of closing on.
         stands = opened or not has_lifted
         return _Memory(state, last, p_GT.reshape(-1, 3), sticks, stands, is_gripped)
@@ -250,7 +250,7 @@ class GraspSequencer(LeafSystem):
         if not memory.stands:
             return last.stopping(time, self._settings.stop_duration)
         now = last.at(time)
-        if state.phase == GraspPhase.BACK_OFF or self._fall.any():
+        if state.phase == GraspPhase.BACK_OFF or self._in_air:
             return now
         p_WT = validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
         on = state.active & np.all(np.isfinite(p_WT) & np.isfinite(p_GT), axis=1)
@@ -266,7 +266,7 @@ class GraspSequencer(LeafSystem):
         motion: HeldMotion = self._held.Eval(context)
         _, R_WO, p_WO, is_tracked = self._pose.eval(context)
         memory: _Memory = self._memory.Eval(context)
-        if not (is_tracked and memory.stands) or self._fall.any():
+        if not (is_tracked and memory.stands) or self._in_air:
             return motion
         _, p_WG = corrected_pose(R_WO, p_WO, self._p_OCoM, memory.state.offset)
         return motion.within(p_WG, TETHER)
@@ -352,7 +352,7 @@ class GraspSequencer(LeafSystem):
             if self._solid is not None:
                 heights, normals = self._solid.distance_and_gradient(p_GT)
                 surface_gaps = heights - self._radius
-            if not self._fall.any():  # In the air, the object moves to where the fingers are.
+            if not self._in_air:  # In the air, the object moves to where the fingers are.
                 p_CoMT_W = (p_GT - self._p_OCoM) @ command.R_WG.T
                 normals_W = normals @ command.R_WG.T
                 rows = np.column_stack([normals_W[:, :2], np.cross(p_CoMT_W, normals_W)[:, 2]])
@@ -386,7 +386,7 @@ class GraspSequencer(LeafSystem):
             return  # In other phases nothing is gripped, or the motion is kept.
         motion: HeldMotion = self._near.Eval(context)
         if not memory.is_gripped:
-            V_WB = command.V_WO if self._fall.any() else _ON_TABLE * command.V_WO
+            V_WB = command.V_WO if self._in_air else _ON_TABLE * command.V_WO
             motion = HeldMotion(view.time, command.R_WG, command.p_WG, V_WB, V_WB, self._fall)
         discrete_state.set_value(self._last, pack(motion))
         sticks = state.phase == GraspPhase.SQUEEZE

@@ -343,7 +343,8 @@ class PoseEstimator(LeafSystem):
         if status == TrackingStatus.LOST:  # The pose stays where it was lost.
             since = track.confirmed_at + self._period + config.lost_after - belief.time
         gravity = self._noise.gravity
-        gravity *= not (gravity and self._is_held(context))
+        if gravity and self._is_held(context):
+            gravity = 0.0
         R_WO, p_WCoM, V_WO = predicted_mean(belief, self._ahead(since), gravity)
         p_CoMO_W = -R_WO @ self._p_OCoM
         if not max(np.abs(p_WCoM + p_CoMO_W).max(), np.abs(V_WO).max()) <= FARTHEST:

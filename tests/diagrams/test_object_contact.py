@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from plants.own_plants import see_and_close
 from pydrake.common import MemoryFile
 from pydrake.geometry import (
     AddCompliantHydroelasticProperties,
@@ -25,7 +26,6 @@ from pydrake.multibody.plant import (
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource
 from thin_cup import PROFILE
 
 import drake_pregrasp as dp
@@ -206,11 +206,7 @@ def hand_over_mug(add_mug):
         X_WO=X_WO,
         scene_graph=scene_graph,
     )
-    camera = builder.AddSystem(dp.BodyPose(mug.index()))
-    builder.Connect(plant.get_body_poses_output_port(), camera.get_input_port())
-    builder.Connect(camera.get_output_port(), planner.GetInputPort("X_WO_measured"))
-    close = builder.AddSystem(ConstantVectorSource([1.0]))
-    builder.Connect(close.get_output_port(), controller.GetInputPort("close"))
+    see_and_close(builder, plant, mug, planner, controller)
     return builder.Build(), plant, controller
 
 

@@ -311,6 +311,15 @@ HOLD = 2.0
 """Seconds of a simulation, and of the hold after which it ends before."""
 
 
+def see_and_close(builder, plant, body, planner, controller):
+    """Measures the true pose of a body, and tells the hand to close from the start."""
+    camera = builder.AddSystem(dp.BodyPose(body.index()))
+    builder.Connect(plant.get_body_poses_output_port(), camera.get_input_port())
+    builder.Connect(camera.get_output_port(), planner.GetInputPort("X_WO_measured"))
+    close = builder.AddSystem(ConstantVectorSource([1.0]))
+    builder.Connect(close.get_output_port(), controller.GetInputPort("close"))
+
+
 def grasp(
     robot: OwnRobot,
     thing: OwnObject,
@@ -359,11 +368,7 @@ def grasp(
         fixed=[dp.HalfSpace(np.array([0.0, 0.0, height]), np.array([0.0, 0.0, 1.0]))],
         scene_graph=scene_graph,
     )
-    camera = builder.AddSystem(dp.BodyPose(body.index()))
-    builder.Connect(plant.get_body_poses_output_port(), camera.get_input_port())
-    builder.Connect(camera.get_output_port(), planner.GetInputPort("X_WO_measured"))
-    close = builder.AddSystem(ConstantVectorSource([1.0]))
-    builder.Connect(close.get_output_port(), controller.GetInputPort("close"))
+    see_and_close(builder, plant, body, planner, controller)
     simulator = Simulator(builder.Build())
     port, places, held = controller.GetOutputPort("grasp_report"), [], []
 
