@@ -51,6 +51,8 @@ def corrected_pose(
         p_OCoM: Centre of mass in O, about which the object turns, shape (3,), in metres.
         offset: Offset, shape (3,), in metres and radians.
     """
+    if not offset.any():  # Most of the time.
+        return R_WO, p_WO
     x, y, yaw = offset
     turn, p_OCoM_W = rotation_matrix(np.array([0.0, 0.0, yaw])), R_WO @ p_OCoM
     return turn @ R_WO, p_WO + p_OCoM_W - turn @ p_OCoM_W + np.array([x, y, 0.0])

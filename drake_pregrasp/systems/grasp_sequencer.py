@@ -285,10 +285,11 @@ class GraspSequencer(LeafSystem):
                 V_WG = memory.last.stopping(time + half, settings.stop_duration).V_WG
         axis = self._lift_axis if state.share > 0 else self._palm_axis
         raised, rising = state.height.value(time), state.height.rate(time + half)
-        approach = self._approach.Eval(context)[1:].reshape(2, 3)
-        if state.phase == GraspPhase.APPROACH and are_valid(approach):
-            (p_WL, v_WL), p_GL_W, raised, rising = approach, R_WG @ self._p_OCoM, 0.0, 0.0
-            p_WG, V_WG = p_WL - p_GL_W, np.array([V_WG[0], v_WL - skew(V_WG[0]) @ p_GL_W])
+        if state.phase == GraspPhase.APPROACH:
+            p_WL, v_WL = approach = self._approach.Eval(context)[1:].reshape(2, 3)
+            if are_valid(approach):
+                p_GL_W, raised, rising = R_WG @ self._p_OCoM, 0.0, 0.0
+                p_WG, V_WG = p_WL - p_GL_W, np.array([V_WG[0], v_WL - skew(V_WG[0]) @ p_GL_W])
         if state.forces.any():
             since = 0.0 if memory.stands else time - memory.last.time
             forces = state.planned_forces(since, settings)
@@ -375,7 +376,8 @@ class GraspSequencer(LeafSystem):
             rows=rows,
             is_tracked=command.is_tracked,
             blocked=blocked,
-            has_met=context.get_time() >= self._approach.Eval(context)[0] - 1e-9,
+            has_met=state.phase != GraspPhase.APPROACH
+            or context.get_time() >= self._approach.Eval(context)[0] - 1e-9,
         )
         squeeze = partial(self._plan_squeeze, context)
         after = next_state(state, view, self._settings, self._config.period, squeeze)

@@ -147,11 +147,13 @@ class InterceptionPlanner(LeafSystem):
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         self._pose.store(context, discrete_state)
-        if self._report.Eval(context)[0] != GraspPhase.APPROACH:
+        phase = self._report.Eval(context)[0]
+        if phase == GraspPhase.BACK_OFF:  # From where the next approach begins.
             X_WG: RigidTransform = self._X_WG.Eval(context)
             away = self._R_AW @ (X_WG @ self._p_OCoM) - self._motion.Eval(context)[0]
             plan = Meeting.above(float(away[2]) if are_valid(away) else 0.0)
             discrete_state.set_value(self._plan, pack(plan))
+        if phase != GraspPhase.APPROACH:
             return
         plan, limit = self._next_plan(context)
         discrete_state.set_value(self._plan, pack(plan))
