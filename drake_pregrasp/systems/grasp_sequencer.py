@@ -3,12 +3,10 @@
 import math
 from collections.abc import Sequence
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.tree import UniformGravityFieldElement
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
@@ -17,8 +15,6 @@ from drake_pregrasp.arrays import (
     FloatArray,
     are_valid,
     norms,
-    pack,
-    unpacker,
     validated_numbers,
 )
 from drake_pregrasp.config.grasp_config import GraspConfig
@@ -36,42 +32,17 @@ from drake_pregrasp.grasping.grasp_state import (
     state_unpacker,
 )
 from drake_pregrasp.grasping.hand_commands import GraspCommand
-from drake_pregrasp.grasping.held_motion import TETHER, HeldMotion
+from drake_pregrasp.grasping.held_motion import HeldMotion
 from drake_pregrasp.grasping.touch_correction import corrected_pose
 from drake_pregrasp.systems import ports
+from drake_pregrasp.systems.held_frame import HeldFrame, HeldMemory, HeldObject
 from drake_pregrasp.systems.squeeze_program import plan_lift
 
 GRAVITY: float = UniformGravityFieldElement.kDefaultStrength
 """Acceleration of gravity along -z of W, in m/s²."""
 
 
-class _Memory(NamedTuple):
-    """Values that the system stored at its last tick, and what follows from them.
-
-    Attributes:
-        state: State of the grasp.
-        last: Last motion of G in the squeeze.
-        p_GT: Goals of the fingertips in G since they press firmly, else NaN, shape (n, 3): their
-            measured places would keep the strain of the touch, which then drives the object without
-            end.
-        sticks: Whether some fingertip has such a goal.
-        stands: Whether the object still stands on the table.
-        is_gripped: Whether G moves with the fingertips, or as they left it: from the tick after
-            the squeeze has begun.
-    """
-
-    state: GraspState
-    last: HeldMotion
-    p_GT: FloatArray
-    sticks: bool
-    stands: bool
-    is_gripped: bool
-
-
-_AT_REST = HeldMotion.at_rest()
-_unpack_motion = unpacker(_AT_REST)
 _UP = np.array([0.0, 0.0, 1.0])
-_ON_TABLE = np.array([[0.0, 0.0, 1.0], [1.0, 1.0, 0.0]])  # Turns and velocities of a belt.
 
 
 class GraspSequencer(LeafSystem):
@@ -187,14 +158,11 @@ class GraspSequencer(LeafSystem):
         self._palm_axis, self._lift_axis = palm_axis, config.lift_axis
         self._in_air, self._fall = gravity > 0, -gravity * _UP
         self._solid, self._efforts = object_solid, np.empty(0) if efforts is None else efforts
-        self._stiffness: FloatArray = np.broadcast_to(np.asarray(stiffness, dtype=float), n)
         self._radius = np.array([tip.radius for tip in fingertips])
         self._patch_radii = np.array([tip.patch_radius for tip in fingertips])
         first = GraspState.first(n, self._settings)
         self._unpack = state_unpacker(n)
         self._state = self.DeclareDiscreteState(first.to_vector())
-        self._last = self.DeclareDiscreteState(pack(_AT_REST))
-        self._sticking = self.DeclareDiscreteState(np.full(3 * n, np.nan))
         self._close = self.DeclareVectorInputPort("close", 1)
         self._contacts = self.DeclareVectorInputPort("contacts", 7 * n)
         self._X_WO = self.DeclareAbstractInputPort("X_WO_estimated", ports.POSE)
@@ -206,80 +174,47 @@ class GraspSequencer(LeafSystem):
         self._blocked = self.DeclareVectorInputPort("blocked_finger", 1)
         self._approach = self.DeclareVectorInputPort("approach", 7)
         self._pose = ports.LastPose(self, self._X_WO, tracking_status)
-        stored, time = self.xd_ticket(), self.time_ticket()
         cache, output = partial(ports.declare_cache, self), partial(ports.declare_output, self)
-        model = _Memory(first, _AT_REST, np.empty((n, 3)), False, True, False)
-        self._memory = memory = cache("memory", model, self._calc_memory, stored)
-        sources = (time, stored, self._p_WT)
-        self._held = held = cache("motion of held object", _AT_REST, self._calc_held, *sources)
-        words, seen = "motion near the estimate", self._pose.source
-        self._near = near = cache(words, _AT_REST, self._calc_near, held, seen)
+        self._grasp = cache("state of the grasp", first, self._calc_grasp, self.xd_ticket())
+        held = HeldObject(
+            p_OCoM=self._p_OCoM,
+            stiffness=np.broadcast_to(np.asarray(stiffness, dtype=float), n),
+            friction=config.planned_friction * GRAVITY * mass,
+            lift_axis=self._lift_axis,
+            stop_duration=self._settings.stop_duration,
+            a_W=self._fall,
+        )
+        self._held = HeldFrame(self, held, self._grasp, self._p_WT, self._pose, config.period)
         any_value = AbstractValue.Make(object())
-        also = (seen, self._V_WO, self._contacts, self._approach)
-        command = cache("command", object(), self._calc_command, time, near, *also)
-        self._command = command
+        also = (self._pose.source, self._V_WO, self._contacts, self._approach)
+        sources = (self.time_ticket(), self._held.near, *also)
+        self._command = command = cache("command", object(), self._calc_command, *sources)
+        grasp, motion = self._grasp, self._held.motion
         output("command", any_value, command.Eval, command)
         output("X_WG", ports.POSE, self._calc_X_WG, command)
-        output("hold_contacts", 1, lambda c: memory.Eval(c).state.holds_contacts, memory)
-        output("grasp_report", 4, self._calc_report, memory)
-        output("V_WO_held", ports.VELOCITY, self._calc_V_WO_held, held)
+        output("hold_contacts", 1, lambda c: grasp.Eval(c).holds_contacts, grasp)
+        output("grasp_report", 4, self._calc_report, grasp)
+        output("V_WO_held", ports.VELOCITY, self._held.calc_velocity, motion)
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._advance)
 
     def state(self, context: Context) -> GraspState:
         """Returns the stored state of the grasp."""
-        memory: _Memory = self._memory.Eval(context)
-        return memory.state
+        state: GraspState = self._grasp.Eval(context)
+        return state
 
-    def _calc_memory(self, context: Context) -> _Memory:
-        indices = (self._state, self._last, self._sticking)
-        vector, packed, p_GT = (context.get_discrete_state(i).value() for i in indices)
-        state, last, p_GT = self._unpack(vector), _unpack_motion(packed), p_GT.copy()
-        sticks = bool(np.isfinite(p_GT).any())
-        has_lifted = state.phase > GraspPhase.SQUEEZE
-        opened = state.phase == GraspPhase.BACK_OFF and state.since <= last.time
-        is_gripped = math.isfinite(state.gripped) and (has_lifted or sticks)
-        if self._in_air and GraspPhase.CLOSE <= state.phase <= GraspPhase.SQUEEZE:
-            is_gripped = last.time >= state.since  # From the first tick of closing on.
-        stands = opened or not has_lifted
-        return _Memory(state, last, p_GT.reshape(-1, 3), sticks, stands, is_gripped)
-
-    def _calc_held(self, context: Context) -> HeldMotion:
-        """Returns the motion of G by the fingertips alone."""
-        memory: _Memory = self._memory.Eval(context)
-        state, last, p_GT, time = memory.state, memory.last, memory.p_GT, context.get_time()
-        if not memory.stands:
-            return last.stopping(time, self._settings.stop_duration)
-        now = last.at(time)
-        if state.phase == GraspPhase.BACK_OFF or self._in_air:
-            return now
-        p_WT = validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
-        on = state.active & np.all(np.isfinite(p_WT) & np.isfinite(p_GT), axis=1)
-        if not np.any(on):
-            return now
-        k = self._stiffness[on]
-        f = k @ (p_WT[on] - now.p_WG - p_GT[on] @ now.R_WG.T)
-        friction = self._config.planned_friction * GRAVITY * self._mass
-        return now.yielding(f, np.sum(k), friction, time - last.time, self._config.period)
-
-    def _calc_near(self, context: Context) -> HeldMotion:
-        """Returns the motion of G, no farther from the estimate than the tether."""
-        motion: HeldMotion = self._held.Eval(context)
-        _, R_WO, p_WO, is_tracked = self._pose.eval(context)
-        memory: _Memory = self._memory.Eval(context)
-        if not (is_tracked and memory.stands) or self._in_air:
-            return motion
-        _, p_WG = corrected_pose(R_WO, p_WO, self._p_OCoM, memory.state.offset)
-        return motion.within(p_WG, TETHER)
+    def _calc_grasp(self, context: Context) -> GraspState:
+        return self._unpack(context.get_discrete_state(self._state).value())
 
     def _calc_command(self, context: Context) -> GraspCommand:
-        memory: _Memory = self._memory.Eval(context)
-        state, time, settings = memory.state, context.get_time(), self._settings
+        state: GraspState = self._grasp.Eval(context)
+        memory: HeldMemory = self._held.memory.Eval(context)
+        time, settings = context.get_time(), self._settings
         _, R_WO, p_WO, is_tracked = self._pose.eval(context)
         V_WO = ports.validated_velocity(self._V_WO.Eval(context))
         (R_WG, p_WG), V_WG = corrected_pose(R_WO, p_WO, self._p_OCoM, state.offset), V_WO
         half = self._config.period / 2
         if memory.is_gripped:
-            motion: HeldMotion = self._near.Eval(context)
+            motion: HeldMotion = self._held.near.Eval(context)
             R_WG, p_WG, V_WG = motion.R_WG, motion.p_WG, motion.V_WG
             if not memory.stands:
                 V_WG = memory.last.stopping(time + half, settings.stop_duration).V_WG
@@ -314,14 +249,6 @@ class GraspSequencer(LeafSystem):
         command: GraspCommand = self._command.Eval(context)
         return RigidTransform(RotationMatrix(command.R_WG), command.p_WG)
 
-    def _calc_V_WO_held(self, context: Context) -> SpatialVelocity:
-        memory: _Memory = self._memory.Eval(context)
-        state, time = memory.state, context.get_time()
-        if not memory.sticks or state.share == 0:
-            return SpatialVelocity(np.full(6, np.nan))
-        w_WG, v_WG = self._held.Eval(context).V_WG
-        return SpatialVelocity(w=w_WG, v=v_WG + state.height.rate(time) * self._lift_axis)
-
     def _contact_frames(self, context: Context) -> tuple[FloatArray, FloatArray, BoolArray]:
         """Returns points and normals of the contacts in O, shape (n, 3), and which are active.
 
@@ -338,8 +265,8 @@ class GraspSequencer(LeafSystem):
         return np.asarray((p_WT - command.p_WG) @ command.R_WG)
 
     def _advance(self, context: Context, discrete_state: DiscreteValues) -> None:
-        memory: _Memory = self._memory.Eval(context)
-        state, command = memory.state, self._command.Eval(context)
+        state: GraspState = self._grasp.Eval(context)
+        command: GraspCommand = self._command.Eval(context)
         p_OC, nhat, active = self._contact_frames(context)
         p_GT = self._tips(context)
         gaps = np.add.reduce((p_GT - p_OC) * nhat, axis=1) - self._radius
@@ -384,21 +311,12 @@ class GraspSequencer(LeafSystem):
         if after is not state:
             discrete_state.set_value(self._state, after.to_vector())
         self._pose.store(context, discrete_state)
-        if not GraspPhase.CLOSE <= state.phase <= GraspPhase.SQUEEZE:
-            return  # In other phases nothing is gripped, or the motion is kept.
-        motion: HeldMotion = self._near.Eval(context)
-        if not memory.is_gripped:
-            V_WB = command.V_WO if self._in_air else _ON_TABLE * command.V_WO
-            motion = HeldMotion(view.time, command.R_WG, command.p_WG, V_WB, V_WB, self._fall)
-        discrete_state.set_value(self._last, pack(motion))
-        sticks = state.phase == GraspPhase.SQUEEZE
-        sticking = p_GT_goal.ravel() if sticks else np.full(p_GT.size, np.nan)
-        discrete_state.set_value(self._sticking, sticking)
+        self._held.store(context, discrete_state, command, p_GT_goal)
 
     def _plan_squeeze(self, context: Context, active: BoolArray) -> Squeeze:
         p_OC, nhat, _ = self._contact_frames(context)
         p_OC, nhat = p_OC[active], nhat[active]
-        if self._solid is not None and self._memory.Eval(context).state.phase >= GraspPhase.CLOSE:
+        if self._solid is not None and self._grasp.Eval(context).phase >= GraspPhase.CLOSE:
             p_GT = self._tips(context)[active]
             heights, nhat = self._solid.distance_and_gradient(p_GT)
             p_OC = p_GT - heights[:, None] * nhat
@@ -421,5 +339,5 @@ class GraspSequencer(LeafSystem):
         )
 
     def _calc_report(self, context: Context) -> list[float]:
-        state: GraspState = self._memory.Eval(context).state
+        state: GraspState = self._grasp.Eval(context)
         return [state.phase, state.since, state.reason, state.detail]

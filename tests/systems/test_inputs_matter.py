@@ -44,7 +44,7 @@ def test_outputs_follow_their_inputs(name):
         # With this state, forces depend on contacts, V_WO_held on tips, and nothing on the meeting.
         if name == "sequencer" and port != "approach":
             fresh.context.SetDiscreteState(0, TOUCHED.to_vector())
-            fresh.context.SetDiscreteState(2, np.arange(3.0 * N))
+            fresh.context.SetDiscreteState(3, np.arange(3.0 * N))
             fresh.context.SetTime(CONTROL_PERIOD)
         if name == "kinematics":  # Forces are limited, so that measured positions matter.
             fresh.context.SetDiscreteState(1, np.repeat([0.0, 0.1], [NQ, N]))

@@ -1,0 +1,182 @@
+"""Motion of the frame G of an object that fingers hold, as state and cache of a system."""
+
+import math
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.systems.framework import CacheEntry, Context, DiscreteValues, InputPort, LeafSystem
+
+from drake_pregrasp.arrays import FloatArray, pack, unpacker, validated_numbers
+from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
+from drake_pregrasp.grasping.hand_commands import GraspCommand
+from drake_pregrasp.grasping.held_motion import TETHER, HeldMotion
+from drake_pregrasp.grasping.touch_correction import corrected_pose
+from drake_pregrasp.systems import ports
+
+
+class HeldObject(NamedTuple):
+    """What moves the frame G of an object that fingers hold.
+
+    Attributes:
+        p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
+        stiffness: Horizontal stiffness of the fingertips, shape (n,), in N/m.
+        friction: Largest horizontal force that does not move G on a belt, in newtons.
+        lift_axis: Unit vector of the lift in W, shape (3,).
+        stop_duration: Duration of the stop before the lift, in seconds.
+        a_W: Acceleration of the object until the hand stops it, in W, shape (3,), in m/s²: gravity
+            in the air, and zero for an object that something carries.
+    """
+
+    p_OCoM: FloatArray
+    stiffness: FloatArray
+    friction: float
+    lift_axis: FloatArray
+    stop_duration: float
+    a_W: FloatArray
+
+
+class HeldMemory(NamedTuple):
+    """Motion of G as of the last tick, and what follows from it.
+
+    Attributes:
+        last: Motion of G when it was last stored, in the squeeze or before it.
+        p_GT: Goals of the fingertips in G since they press firmly, else NaN, shape (n, 3): their
+            measured places would keep the strain of the touch, which then drives the object without
+            end.
+        sticks: Whether some fingertip has such a goal.
+        stands: Whether the object still stands on the table.
+        is_gripped: Whether G moves with the fingertips, or as they left it: from the tick after
+            the squeeze has begun, and in the air from the first tick of closing on.
+    """
+
+    last: HeldMotion
+    p_GT: FloatArray
+    sticks: bool
+    stands: bool
+    is_gripped: bool
+
+
+_AT_REST = HeldMotion.at_rest()
+_unpack_motion = unpacker(_AT_REST)
+_ON_TABLE = np.array([[0.0, 0.0, 1.0], [1.0, 1.0, 0.0]])  # Turns and velocities of a belt.
+
+
+class HeldFrame:
+    """Moves the frame G with an object that fingers hold (`HeldMotion`), within `TETHER` of it.
+
+    An object in the air falls freely until the hand stops it; pushes of the fingers do not count.
+
+    Args:
+        system: System that has the ports, and is being built.
+        held: What moves G.
+        grasp: Cache entry of the `GraspState`.
+        p_WT: Port that accepts the fingertips' centres in W, a vector of 3n, in metres.
+        pose: Estimated pose of the object.
+        period: Seconds between ticks of the system.
+
+    Attributes:
+        memory: Cache entry of the `HeldMemory`.
+        motion: Cache entry of the `HeldMotion` by the fingertips alone.
+        near: Cache entry of the `HeldMotion` within the tether.
+    """
+
+    def __init__(
+        self,
+        system: LeafSystem,
+        held: HeldObject,
+        grasp: CacheEntry,
+        p_WT: InputPort,
+        pose: ports.LastPose,
+        period: float,
+    ) -> None:
+        n = len(held.stiffness)
+        self._held, self._in_air = held, bool(held.a_W.any())
+        self._grasp, self._p_WT, self._pose, self._period = grasp, p_WT, pose, period
+        self._last = system.DeclareDiscreteState(pack(_AT_REST))
+        self._sticking = system.DeclareDiscreteState(np.full(3 * n, np.nan))
+        stored, cache = system.xd_ticket(), partial(ports.declare_cache, system)
+        model = HeldMemory(_AT_REST, np.empty((n, 3)), False, True, False)
+        self.memory = cache("motion of G at the last tick", model, self._calc_memory, stored)
+        sources = (system.time_ticket(), stored, p_WT)
+        self.motion = cache("motion of held object", _AT_REST, self._calc_motion, *sources)
+        words = "motion near the estimate"
+        self.near = cache(words, _AT_REST, self._calc_near, self.motion, pose.source)
+
+    def _calc_memory(self, context: Context) -> HeldMemory:
+        state: GraspState = self._grasp.Eval(context)
+        last = _unpack_motion(context.get_discrete_state(self._last).value())
+        p_GT = context.get_discrete_state(self._sticking).value().copy()
+        sticks = bool(np.isfinite(p_GT).any())
+        has_lifted = state.phase > GraspPhase.SQUEEZE
+        opened = state.phase == GraspPhase.BACK_OFF and state.since <= last.time
+        is_gripped = math.isfinite(state.gripped) and (has_lifted or sticks)
+        if self._in_air and GraspPhase.CLOSE <= state.phase <= GraspPhase.SQUEEZE:
+            is_gripped = last.time >= state.since
+        return HeldMemory(last, p_GT.reshape(-1, 3), sticks, opened or not has_lifted, is_gripped)
+
+    def _calc_motion(self, context: Context) -> HeldMotion:
+        memory: HeldMemory = self.memory.Eval(context)
+        state: GraspState = self._grasp.Eval(context)
+        last, p_GT, time = memory.last, memory.p_GT, context.get_time()
+        if not memory.stands:
+            return last.stopping(time, self._held.stop_duration)
+        now = last.at(time)
+        if state.phase == GraspPhase.BACK_OFF or self._in_air:
+            return now
+        p_WT = validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
+        on = state.active & np.all(np.isfinite(p_WT) & np.isfinite(p_GT), axis=1)
+        if not np.any(on):
+            return now
+        k = self._held.stiffness[on]
+        f = k @ (p_WT[on] - now.p_WG - p_GT[on] @ now.R_WG.T)
+        return now.yielding(f, np.sum(k), self._held.friction, time - last.time, self._period)
+
+    def _calc_near(self, context: Context) -> HeldMotion:
+        motion: HeldMotion = self.motion.Eval(context)
+        _, R_WO, p_WO, is_tracked = self._pose.eval(context)
+        memory: HeldMemory = self.memory.Eval(context)
+        if not (is_tracked and memory.stands) or self._in_air:
+            return motion
+        state: GraspState = self._grasp.Eval(context)
+        _, p_WG = corrected_pose(R_WO, p_WO, self._held.p_OCoM, state.offset)
+        return motion.within(p_WG, TETHER)
+
+    def calc_velocity(self, context: Context) -> SpatialVelocity:
+        """Returns the velocity with which the hand moves the object in W, or NaN if it does not."""
+        memory: HeldMemory = self.memory.Eval(context)
+        state: GraspState = self._grasp.Eval(context)
+        if not memory.sticks or state.share == 0:
+            return SpatialVelocity(np.full(6, np.nan))
+        w_WG, v_WG = self.motion.Eval(context).V_WG
+        rising = state.height.rate(context.get_time()) * self._held.lift_axis
+        return SpatialVelocity(w=w_WG, v=v_WG + rising)
+
+    def store(
+        self,
+        context: Context,
+        discrete_state: DiscreteValues,
+        command: GraspCommand,
+        p_GT_goal: FloatArray,
+    ) -> None:
+        """Stores the motion while the hand closes or squeezes; after that it is kept.
+
+        Args:
+            context: Context of the system.
+            discrete_state: Its next discrete state.
+            command: Present command, with the motion of G until the fingers grip.
+            p_GT_goal: Goals of the fingertips in G, shape (n, 3), in metres.
+        """
+        state: GraspState = self._grasp.Eval(context)
+        if not GraspPhase.CLOSE <= state.phase <= GraspPhase.SQUEEZE:
+            return
+        motion: HeldMotion = self.near.Eval(context)
+        if not self.memory.Eval(context).is_gripped:
+            V_WB = command.V_WO if self._in_air else _ON_TABLE * command.V_WO
+            a_W, time = self._held.a_W, context.get_time()
+            motion = HeldMotion(time, command.R_WG, command.p_WG, V_WB, V_WB, a_W)
+        discrete_state.set_value(self._last, pack(motion))
+        sticks = state.phase == GraspPhase.SQUEEZE
+        sticking = p_GT_goal.ravel() if sticks else np.full(p_GT_goal.size, np.nan)
+        discrete_state.set_value(self._sticking, sticking)
