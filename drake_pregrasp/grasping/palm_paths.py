@@ -134,21 +134,23 @@ def quintic(start: FloatArray, t: float, duration: float) -> FloatArray:
         duration: Time T at which it is at rest at zero, in seconds, above 0.
     """
     scale = duration ** np.arange(3)
-    basis = _hermite(np.array([t / duration]))[:, :, 0]
-    value: FloatArray = basis[:3] @ (scale[:, None] * start) / scale[:, None]
+    basis = _COEFFICIENTS[:3] @ (t / duration) ** _POWERS
+    value: FloatArray = basis @ (scale[:, None] * start) / scale[:, None]
     return value
+
+
+_POWERS = np.arange(6)
+_COEFFICIENTS = np.zeros((5, 3, 6))
+"""Coefficients of H₀, H₁ and H₂ and of their derivatives up to the fourth, by rising powers."""
+_COEFFICIENTS[0] = [[1, 0, 0, -10, 15, -6], [0, 1, 0, -6, 8, -3], [0, 0, 0.5, -1.5, 1.5, -0.5]]
+for _order in range(1, 5):
+    _COEFFICIENTS[_order, :, :-1] = _COEFFICIENTS[_order - 1, :, 1:] * _POWERS[1:]
 
 
 def _hermite(s: FloatArray) -> FloatArray:
     """Returns H₀, H₁ and H₂ and their derivatives up to the fourth, shape (5, 3, len(s))."""
-    one, zero = np.ones_like(s), np.zeros_like(s)
-    c = np.array([[1, 0, 0, -10, 15, -6], [0, 1, 0, -6, 8, -3], [0, 0, 0.5, -1.5, 1.5, -0.5]])
-    powers = np.array([one, s, s**2, s**3, s**4, s**5])
-    found = []
-    for _ in range(5):
-        found.append(c @ powers[: c.shape[1]])
-        c = c[:, 1:] * np.arange(1, c.shape[1])
-    return np.array(found) + zero
+    values: FloatArray = _COEFFICIENTS @ s ** _POWERS[:, None]
+    return values
 
 
 BASIS = _hermite(_S)
