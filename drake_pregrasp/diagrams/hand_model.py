@@ -60,7 +60,7 @@ class HandModel:
         base: Carrier or arm of the palm.
         fingers_home: Home positions of the fingers, and zeros for the base, shape (nq,).
         tip_radii: Radii of the fingertips, shape (n,), in metres.
-        withdrawn_radii: Radii for `FingertipGoalShaper`, shape (n,), in metres.
+        withdrawn_radii: Radii for `HandGoalShaper`, shape (n,), in metres.
         p_HT: Fingertips at home, in A at yaw 0, shape (n, 3), in metres.
         azimuths: Azimuths of the fingertips at home, in A at yaw 0, shape (n,), in radians.
 
