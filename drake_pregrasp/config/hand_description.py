@@ -63,7 +63,7 @@ class Arm:
     # Names of the arm's joints. All other joints belong to fingers.
     joints: list[str] = field(default_factory=list, metadata={"required": True, "min_length": 6})
 
-    # Home positions of the arm, which it approaches as far as the palm's pose allows.
+    # Home positions of the arm, toward which it moves as far as the palm's pose allows.
     home: list[float] = field(default_factory=list, metadata={"required": True, **_ANGLE})
 
     # Position of the palm over the object's centre of mass at yaw 0, along the axes of W, in

@@ -172,7 +172,7 @@ def write_clearances(  # type: ignore[no-untyped-def]
         screws: Screws of the hand's joints, shape (6, nq).
         V: Velocity of the object at the origin of W, shape (6,), in rad/s and m/s.
         holding: Whether each fingertip holds the object or closes on it, shape (n,).
-        rate: Largest ratio of the speed of approach to the distance that is left, in 1/s.
+        rate: Largest ratio of the speed at which a gap closes to the gap that is left, in 1/s.
         rows: Result, shape (k, nq).
         least: Result, shape (k,).
         fingers: Result, shape (k,).

@@ -31,9 +31,9 @@ RETREAT = 0.05
 
 
 def approach_rate(acceleration: float) -> float:
-    """Returns the largest ratio c of the speed of approach to the distance g that is left, in 1/s.
+    """Returns the largest ratio c of the speed at which a gap closes to the gap g, in 1/s.
 
-    A link that approaches at c g brakes with c² g: most at the start of the influence.
+    A link that closes its gap at c g brakes with c² g: most at the start of the influence.
 
     Args:
         acceleration: Largest acceleration of fingertips on the way to goals, in m/s².
@@ -110,7 +110,7 @@ def clearances(
         V_W: Angular velocity of the object, and velocity at the origin of W, shape (6,).
         holding: Whether each fingertip holds the object or closes on it, shape (n,): it may touch
             it, but its links stay farther from it.
-        rate: Largest ratio of the speed of approach to the distance that is left, in 1/s.
+        rate: Largest ratio of the speed at which a gap closes to the gap that is left, in 1/s.
     """
     link, other, gaps, p_WC, normals = near
     m = len(links.finger)

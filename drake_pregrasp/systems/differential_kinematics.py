@@ -45,7 +45,7 @@ class PalmBase(Protocol):
         """Returns the pose of P over a point L on the palm's axis, turned by a yaw."""
 
     def posture(self, home: FloatArray, p_WL: FloatArray, yaw: float) -> FloatArray:
-        """Returns the positions that joints approach, with fingers as at home, shape (nq,)."""
+        """Returns the positions that joints move toward, with fingers as at home, shape (nq,)."""
 
 
 class DifferentialKinematics(LeafSystem):

@@ -202,7 +202,7 @@ class HandScene:
             pose: Kinematics of the hand there.
             command: Motion of the object, and which fingertips hold it or close on it: these are
                 kept clear of other fingers only.
-            rate: Largest ratio of the speed of approach to the distance that is left, in 1/s.
+            rate: Largest ratio of the speed at which a gap closes to the gap that is left, in 1/s.
         """
         query = self._query.Eval(self._graph.GetMyContextFromRoot(context))
         index, rest = self._index, len(self._index)
