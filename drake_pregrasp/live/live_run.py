@@ -37,9 +37,8 @@ _NUDGE = 0.4  # Speed that a nudge adds to the object, in m/s: a cube slides 1 c
 class LiveRun:
     """Runs a scenario in real time, and continues from its present state after each change.
 
-    A change builds the diagram of the changed scenario, which takes a tenth to half of a second,
-    and copies the state of the diagram before. So there is one way to simulate: a live run without
-    changes has the states of `run`.
+    A change builds the diagram of the changed scenario, and copies the state of the diagram before.
+    So there is one way to simulate: a live run without changes has the states of `run`.
 
     Args:
         resolved: Scenario to simulate.

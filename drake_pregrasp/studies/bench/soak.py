@@ -1,6 +1,6 @@
 """Memory and quality of the base case over long simulations, hour by hour.
 
-`python -m drake_pregrasp.studies.bench.soak` simulates 24 hours in about one. With
+`python -m drake_pregrasp.studies.bench.soak` simulates 24 hours. With
 `--planning_period 0.001 --seconds 10 --hours 100` it measures the memory over a million ticks.
 """
 
