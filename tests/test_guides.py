@@ -20,8 +20,10 @@ from drake_pregrasp import (
     TrackingStatus,
     load_scenario,
     run,
+    shipped_scenarios,
 )
 from drake_pregrasp.cli import main
+from drake_pregrasp.estimation.fault_settings import MeasurementFaults
 from drake_pregrasp.estimation.recorded_poses import MAX_ROWS
 from drake_pregrasp.simulation.run_log import grasp_columns, log_columns
 from drake_pregrasp.studies import runner
@@ -298,6 +300,19 @@ def test_the_page_on_faults_has_a_row_for_each_status():
     text = (DOCS / "faults.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `([A-Z_]+)` \|", text, flags=re.MULTILINE)
     assert sorted(rows) == sorted(TrackingStatus.__members__)
+
+
+def test_the_run_with_everything_has_the_faults_of_all_other_runs():
+    """docs/faults.md says so."""
+    names = [name for name in shipped_scenarios() if name.startswith("fault_")]
+    faults = {name: load_scenario(name).sensor.faults for name in names}
+    unset = vars(MeasurementFaults())
+    chosen = {
+        name: {key for key, value in vars(fault).items() if value != unset[key]}
+        for name, fault in faults.items()
+    }
+    assert len(names) > 10
+    assert set.union(*chosen.values()) == chosen["fault_everything"]
 
 
 @pytest.mark.slow
