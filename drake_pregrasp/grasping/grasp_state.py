@@ -22,7 +22,7 @@ NO_LIMIT = 1e6
 """Force that replaces an infinite limit, in newtons."""
 
 GENTLE = 1.5
-"""Factor of the touch force: the largest horizontal force of a finger that touches."""
+"""Factor of the touch force: the largest force of a finger that touches."""
 
 WEIGHT_DURATION = 0.1
 """Time in which fingers take over the weight at the start of the lift, in seconds."""
@@ -305,7 +305,7 @@ class GraspState:
         return self.active & self.touched
 
     def force_limits(self, touch_force: float) -> FloatArray:
-        """Returns the largest horizontal force of each finger, shape (n,), in newtons.
+        """Returns the largest force of each finger, shape (n,), in newtons.
 
         Until the squeeze is complete, and while a hand that has not gripped backs off, fingers
         press with little more than they should.

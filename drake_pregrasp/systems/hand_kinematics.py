@@ -95,15 +95,15 @@ class HandKinematics:
     def with_limited_forces(
         self, J_WT: FloatArray, torques: FloatArray, limits: FloatArray
     ) -> FloatArray:
-        """Returns joint torques, less for fingers that would press horizontally beyond a limit.
+        """Returns joint torques, less for fingers that would press beyond a limit.
 
         Args:
             J_WT: Jacobians of the fingertips' velocities, shape (n, 3, nq).
             torques: Torques of all joints, shape (nq,), in N m.
-            limits: Largest horizontal force of each fingertip, shape (n,), in newtons.
+            limits: Largest force of each fingertip, shape (n,), in newtons.
         """
-        level = self.tip_forces(J_WT, torques) * [1.0, 1.0, 0.0]
-        excess = level * np.maximum(0.0, 1 - limits / np.maximum(norms(level), 1e-9))[:, None]
+        forces = self.tip_forces(J_WT, torques)
+        excess = forces * np.maximum(0.0, 1 - limits / np.maximum(norms(forces), 1e-9))[:, None]
         own = (J_WT * self._is_own[:, None]).reshape(-1, len(torques))
         return np.asarray(torques - excess.ravel() @ own)
 

@@ -415,11 +415,10 @@ def test_a_finger_that_is_in_the_way_presses_with_no_more_than_its_limit():
     desired, _ = hand.array("desired_state").reshape(2, NQ)
     torques = HAND.kinematics.stiffness * (desired - now)
     forces = HAND.kinematics.tip_forces(HAND.kinematics.pose(Q).J_WT, torques)
-    shares = np.minimum(1, limits / np.linalg.norm(3 * FORCES[:, :2], axis=1))
+    shares = np.minimum(1, limits / np.linalg.norm(3 * FORCES, axis=1))
     assert np.any(shares < 1)
     assert np.any(shares[3:] < 1)
-    expected = 3 * FORCES * np.stack([shares, shares, np.ones(N)], axis=1)
-    np.testing.assert_allclose(forces, expected, atol=1e-5)
+    np.testing.assert_allclose(forces, 3 * FORCES * shares[:, None], atol=1e-5)
     hand.fix(hand_state=np.full(2 * NQ, np.nan))  # What is not known is not limited.
     np.testing.assert_allclose(hand.array("desired_state")[:NQ], Q, atol=1e-7)
 
