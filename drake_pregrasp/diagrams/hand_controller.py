@@ -124,6 +124,7 @@ class HandController(Diagram):
         yaw = turned_within(palm_turn(p_AC, hand.azimuths, 0.0), yaw_range)
         self.initial = hand.home(X_WG @ p_OCoM, yaw)
         builder, scene = DiagramBuilder(), hand.make_scene(object_solid, fixed, kernels)
+        object_solid = scene.kernels.solid(object_solid)
         sequencer = builder.AddNamedSystem(
             "grasp_sequencer",
             GraspSequencer(

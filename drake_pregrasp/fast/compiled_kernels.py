@@ -48,6 +48,7 @@ def _hand() -> HandKernels:
         compiled_next_velocities,
     )
     from drake_pregrasp.fast.meetings import compiled_choose_meeting
+    from drake_pregrasp.fast.solids import compiled_solid
     from drake_pregrasp.fast.tip_steps import (
         compiled_goal_velocities,
         compiled_hand_goals,
@@ -62,6 +63,7 @@ def _hand() -> HandKernels:
         compiled_next_velocities,
         compiled_straight_step,
         compiled_choose_meeting,
+        compiled_solid,
     )
 
 

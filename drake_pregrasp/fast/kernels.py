@@ -10,6 +10,7 @@ from drake_pregrasp.estimation.pose_belief import PoseBelief
 from drake_pregrasp.estimation.pose_filter import filter_step, merged
 from drake_pregrasp.estimation.pose_track import FilterStep
 from drake_pregrasp.estimation.surface_alignment import Alignment, align_pose
+from drake_pregrasp.geometry.solids import SignedDistance
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.clearances import Clearances, clearances
 from drake_pregrasp.grasping.fingertip_paths import straight_step
@@ -35,6 +36,7 @@ class HandKernels:
         next_velocities: `next_velocities`.
         straight_step: `straight_step`.
         choose_meeting: `choose_meeting`.
+        solid: Function that returns a solid with this implementation's distances.
     """
 
     forward_kinematics: Callable[[KinematicTree, FloatArray], HandPose]
@@ -44,6 +46,7 @@ class HandKernels:
     next_velocities: Callable[..., tuple[FloatArray, int]]
     straight_step: Callable[..., FloatArray | None]
     choose_meeting: Callable[..., Choice]
+    solid: Callable[[SignedDistance], SignedDistance]
 
 
 @dataclass(frozen=True)
@@ -99,6 +102,7 @@ REFERENCE = Kernels(
         next_velocities,
         straight_step,
         choose_meeting,
+        lambda solid: solid,
     ),
 )
 """The implementation in numpy."""

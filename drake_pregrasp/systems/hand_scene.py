@@ -99,7 +99,7 @@ class HandScene:
     Args:
         diagram: Plant with only the hand, and its SceneGraph; no Context of it exists.
         hand: Kinematics of the hand in this plant.
-        kernels: Implementation of `clearances` and `next_velocities`.
+        kernels: Implementation of `clearances`, `next_velocities` and distances.
         tip_radii: Radii of the fingertips, shape (n,), in metres.
         object_solid: The object in O.
         fixed: Solids in W that do not move, such as the table.
@@ -124,7 +124,7 @@ class HandScene:
             self._graph.RegisterFrame(self._source, frame) for frame in frames
         )
         hull = object_solid.hull()
-        self._solid = None if hull is object_solid else object_solid
+        self._solid = None if hull is object_solid else kernels.solid(object_solid)
         self._object = self._graph.RegisterGeometry(
             self._source, self._object_frame, _geometry("object", *drake_shape(hull))
         )

@@ -4,11 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from drake_pregrasp import ForbiddenPoints, InvalidArgumentError, box_surface, mesh_surface
+from drake_pregrasp import (
+    BoxSolid,
+    ForbiddenPoints,
+    InvalidArgumentError,
+    box_surface,
+    mesh_surface,
+)
 from drake_pregrasp.contacts.centroids import select_contacts
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import make_strategy
@@ -18,6 +25,7 @@ from drake_pregrasp.estimation.surface_alignment import SurfacePoints, align_pos
 from drake_pregrasp.fast import SWITCH, default_kernels
 from drake_pregrasp.fast.kernels import REFERENCE
 from drake_pregrasp.geometry.distance_grid import distance_grid
+from drake_pregrasp.geometry.mesh_solid import MeshSolid
 from drake_pregrasp.geometry.shapes import ball_shape
 from drake_pregrasp.quality.force_closure import min_weight_margin
 from drake_pregrasp.quality.grasp_quality import contact_blocks
@@ -283,3 +291,20 @@ def test_a_pose_is_aligned_as_by_the_reference(seed, count):
     size = 1e-7 * max(1.0, np.abs(reference.information).max())
     np.testing.assert_allclose(fast.information, reference.information, atol=size)
     assert fast.fits == pytest.approx(reference.fits, abs=1e-6)
+
+
+@pytest.mark.parametrize("mesh", [CUBE.mesh, trimesh.creation.annulus(0.02, 0.05, 0.06)])
+def test_distances_of_a_mesh_are_those_of_the_reference(mesh):
+    rng = np.random.default_rng(0)
+    R, p = Rotation.random(rng=rng).as_matrix(), rng.normal(size=3)
+    solid = MeshSolid.of(mesh).moved(R, p)
+    fast = COMPILED.hand().solid(solid)
+    points = p + rng.uniform(-0.12, 0.12, (500, 3))  # Also beyond the grid.
+    points[7, 1], points[8] = np.nan, np.nan
+    for found, expected in zip(
+        fast.distance_and_gradient(points), solid.distance_and_gradient(points), strict=True
+    ):
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+    assert np.isnan(fast.distance_and_gradient(points)[0][7:9]).all()
+    box = BoxSolid(np.zeros(3), np.eye(3), np.ones(3))
+    assert COMPILED.hand().solid(box) is box
