@@ -23,7 +23,6 @@ from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.object_body import add_object
 from drake_pregrasp.diagrams.object_contact import separate_contacts
 from drake_pregrasp.diagrams.object_plant import ObjectPlant, add_to_package_map
-from drake_pregrasp.diagrams.palm_base import ArmKinematics
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.errors import (
     InvalidArgumentError,
@@ -77,7 +76,6 @@ from drake_pregrasp.visualization.pregrasp_visualizer import PregraspVisualizer
 __all__ = [
     "AddHandController",
     "AddPregraspPlanner",
-    "ArmKinematics",
     "Ball",
     "BallReach",
     "BallSolid",

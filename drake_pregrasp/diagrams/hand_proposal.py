@@ -280,7 +280,7 @@ def _with_arm_home(description: HandDescription, source: CheckedModel) -> HandDe
     model = HandModel(description, model=source)
     base, plant = model.base, model.kinematics.plant
     assert isinstance(base, PalmArm)
-    arm, context = base.kinematics, plant.CreateDefaultContext()
+    context = plant.CreateDefaultContext()
     first = model.instances.joint(description.base.joints[0], "base.joints")
     p_WB = first.frame_on_parent().CalcPoseInWorld(context).translation() * [1.0, 1.0, 0.0]
     is_near = np.linalg.norm(p_WB) < _NEAR_BASE
@@ -289,16 +289,16 @@ def _with_arm_home(description: HandDescription, source: CheckedModel) -> HandDe
     for start in range(_STARTS):
         q = np.array(middle)
         if start:
-            q[base.joints] = random.uniform(arm.lower, arm.upper)
+            q[base.joints] = random.uniform(base.lower, base.upper)
         for _ in range(_ARM_STEPS):
-            q = arm.step_to(context, q, X_WP, middle)
+            q = base.step_to(context, q, X_WP, middle)
         plant.SetPositions(context, q)
-        if np.max(np.abs(pose_error(arm.palm_pose(context), X_WP))) < _ARRIVED:
+        if np.max(np.abs(pose_error(base.palm_pose(context), X_WP))) < _ARRIVED:
             found.append(q[base.joints])
     if not found:
         return description
-    half = (arm.upper - arm.lower) / 2
-    home = min(found, key=lambda q: float(np.max(np.abs(q - arm.lower - half) / half)))
+    half = (base.upper - base.lower) / 2
+    home = min(found, key=lambda q: float(np.max(np.abs(q - base.lower - half) / half)))
     return replace(description, base=replace(description.base, home=_rounded(home)))
 
 

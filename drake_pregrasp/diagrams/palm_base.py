@@ -4,11 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable, Joint
 from pydrake.systems.framework import Context
 
-from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.hand_description import Arm, BaseConfig, Carrier
 from drake_pregrasp.diagrams.hand_instances import HandInstances
 from drake_pregrasp.errors import InvalidArgumentError
@@ -22,59 +21,9 @@ _ARRIVED = 1e-5  # Largest error of the palm at its initial pose, in metres and 
 _DAMPING = 1e-4  # Damping of joint steps against palm steps, in metres or radians of the palm.
 _LARGEST_STEP = 0.2  # Largest step of a joint, in radians.
 _POSTURE_SHARE = 0.1  # Share of the distance to home per step, in the null space of the palm.
+
 JOINT_KINDS = ("prismatic", "prismatic", "prismatic", "revolute")
-
-
-class ArmKinematics:
-    """Kinematics of an arm with a palm. The caller provides the Context.
-
-    Args:
-        plant: A finalized plant that contains only the arm and its hand.
-        palm: The palm's frame P.
-        joints: Indices of the arm's positions, in the order of its velocities.
-
-    Attributes:
-        joints: Indices of the arm's positions.
-        lower: Lower limit of each arm joint, in radians or metres.
-        upper: Upper limit of each arm joint, in radians or metres.
-    """
-
-    def __init__(self, plant: MultibodyPlant, palm: Frame, joints: IntArray) -> None:
-        self._plant, self._palm, self.joints = plant, palm, joints
-        self.lower: FloatArray = plant.GetPositionLowerLimits()[joints]
-        self.upper: FloatArray = plant.GetPositionUpperLimits()[joints]
-
-    def palm_pose(self, plant_context: Context) -> RigidTransform:
-        """Returns the pose of P in W."""
-        return self._palm.CalcPoseInWorld(plant_context)
-
-    def step_to(
-        self, plant_context: Context, q: FloatArray, X_WP: RigidTransform, home: FloatArray
-    ) -> FloatArray:
-        """Returns all positions after a step that brings the palm closer to a pose, shape (nq,).
-
-        The step is a damped least-squares step of the arm's joints, with a step toward their home
-        positions in its null space. Convergence near the pose is quadratic.
-
-        Args:
-            plant_context: Context of the plant, which is overwritten.
-            q: Positions before the step, shape (nq,).
-            X_WP: Desired pose of the palm in W.
-            home: Home positions, shape (nq,).
-        """
-        self._plant.SetPositions(plant_context, q)
-        world = self._plant.world_frame()
-        J = self._plant.CalcJacobianSpatialVelocity(
-            plant_context, JacobianWrtVariable.kV, self._palm, np.zeros(3), world, world
-        )[:, self.joints]
-        inverse = J.T @ np.linalg.inv(J @ J.T + _DAMPING**2 * np.eye(6))
-        homeward = _POSTURE_SHARE * (home - q)[self.joints]
-        step = inverse @ pose_error(self.palm_pose(plant_context), X_WP)
-        step += homeward - inverse @ (J @ homeward)
-        step *= min(1.0, _LARGEST_STEP / max(float(np.max(np.abs(step))), _LARGEST_STEP))
-        after = np.array(q, dtype=float)
-        after[self.joints] = np.clip(after[self.joints] + step, self.lower, self.upper)
-        return after
+"""Drake's names of the types of a carrier's joints x, y, z and yaw."""
 
 
 class PalmCarrier:
@@ -151,9 +100,10 @@ class PalmArm:
 
     Attributes:
         joints: Indices of the arm's positions.
+        lower: Lower limit of each of these, in radians or metres.
+        upper: Upper limit of each of these, in radians or metres.
         palm_frame: Scoped name of the palm's frame P.
-        kinematics: Kinematics of the arm.
-        X_GP: Pose of the palm in A at yaw 0.
+        X_AP: Pose of the palm in A at yaw 0.
         X_AW: Pose of W in A at yaw 0 with the arm at home.
 
     Raises:
@@ -163,17 +113,49 @@ class PalmArm:
     def __init__(self, config: Arm, hand: HandInstances, X_LA: RigidTransform) -> None:
         joints = _base_joints(hand, config.joints)
         self.joints, self._X_LA = [joint.position_start() for joint in joints], X_LA
-        palm, plant = hand.frame(config.palm, "base.palm"), hand.plant
-        self.palm_frame = palm.scoped_name().get_full()
-        _check_carried(config, hand, joints, palm)
-        self._plant = plant
-        self.kinematics = arm = ArmKinematics(plant, palm, np.array(self.joints))
-        check_home("base.home", config.joints, config.home, arm.lower, arm.upper)
-        self.X_GP = RigidTransform(RollPitchYaw(config.palm_rpy), config.palm_position)
+        self._palm, self._plant = hand.frame(config.palm, "base.palm"), hand.plant
+        self.palm_frame = self._palm.scoped_name().get_full()
+        _check_carried(config, hand, joints, self._palm)
+        self.lower: FloatArray = self._plant.GetPositionLowerLimits()[self.joints]
+        self.upper: FloatArray = self._plant.GetPositionUpperLimits()[self.joints]
+        check_home("base.home", config.joints, config.home, self.lower, self.upper)
+        self.X_AP = RigidTransform(RollPitchYaw(config.palm_rpy), config.palm_position)
         self._home = np.array(config.home)
-        context = plant.CreateDefaultContext()
-        plant.SetPositions(context, self.placed(plant.GetPositions(context)))
-        self.X_AW = self.X_GP @ arm.palm_pose(context).inverse()
+        context = self._plant.CreateDefaultContext()
+        self._plant.SetPositions(context, self.placed(self._plant.GetPositions(context)))
+        self.X_AW = self.X_AP @ self.palm_pose(context).inverse()
+
+    def palm_pose(self, plant_context: Context) -> RigidTransform:
+        """Returns the pose of P in W."""
+        return self._palm.CalcPoseInWorld(plant_context)
+
+    def step_to(
+        self, plant_context: Context, q: FloatArray, X_WP: RigidTransform, home: FloatArray
+    ) -> FloatArray:
+        """Returns all positions after a step that brings the palm closer to a pose, shape (nq,).
+
+        The step is a damped least-squares step of the arm's joints, with a step toward their home
+        positions in its null space. Convergence near the pose is quadratic.
+
+        Args:
+            plant_context: Context of the plant, which is overwritten.
+            q: Positions before the step, shape (nq,).
+            X_WP: Desired pose of the palm in W.
+            home: Home positions, shape (nq,).
+        """
+        self._plant.SetPositions(plant_context, q)
+        world = self._plant.world_frame()
+        J = self._plant.CalcJacobianSpatialVelocity(
+            plant_context, JacobianWrtVariable.kV, self._palm, np.zeros(3), world, world
+        )[:, self.joints]
+        inverse = J.T @ np.linalg.inv(J @ J.T + _DAMPING**2 * np.eye(6))
+        homeward = _POSTURE_SHARE * (home - q)[self.joints]
+        step = inverse @ pose_error(self.palm_pose(plant_context), X_WP)
+        step += homeward - inverse @ (J @ homeward)
+        step *= min(1.0, _LARGEST_STEP / max(float(np.max(np.abs(step))), _LARGEST_STEP))
+        after = np.array(q, dtype=float)
+        after[self.joints] = np.clip(after[self.joints] + step, self.lower, self.upper)
+        return after
 
     def posed(self, q: FloatArray, p_WCoM: FloatArray, yaw: float) -> FloatArray:
         """Returns positions with the palm over an object and the fingers as in q, shape (nq,).
@@ -186,15 +168,15 @@ class PalmArm:
         Raises:
             InvalidArgumentError: If the arm cannot hold the palm there; the message has its error.
         """
-        X_WP, arm, errors = self.palm_goal(p_WCoM, yaw), self.kinematics, []
+        X_WP, errors = self.palm_goal(p_WCoM, yaw), []
         context, random = self._plant.CreateDefaultContext(), np.random.default_rng(0)
-        low, high = np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi)
+        low, high = np.maximum(self.lower, -np.pi), np.minimum(self.upper, np.pi)
         posed = home = self.placed(q)
         for _ in range(_STARTS):
             for _ in range(_STEPS):
-                before, posed = posed, arm.step_to(context, posed, X_WP, home)
+                before, posed = posed, self.step_to(context, posed, X_WP, home)
                 self._plant.SetPositions(context, posed)
-                errors.append(pose_error(arm.palm_pose(context), X_WP))
+                errors.append(pose_error(self.palm_pose(context), X_WP))
                 if np.max(np.abs(errors[-1])) < _ARRIVED:
                     return posed
                 if np.max(np.abs(posed - before)) < _STILL:
@@ -220,7 +202,7 @@ class PalmArm:
 
     def palm_goal(self, p_WL: FloatArray, yaw: float) -> RigidTransform:
         """See `PalmBase`."""
-        return turned_frame(p_WL, self._X_LA, yaw) @ self.X_GP
+        return turned_frame(p_WL, self._X_LA, yaw) @ self.X_AP
 
 
 PalmBase = PalmCarrier | PalmArm
