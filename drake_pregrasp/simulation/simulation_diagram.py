@@ -16,7 +16,6 @@ from drake_pregrasp.diagrams.hand_station import TABLE, HandStation
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.diagrams.wiring import connect
-from drake_pregrasp.quality.grasp_quality import GraspQuality
 from drake_pregrasp.simulation.obstacle_config import moving_solid
 from drake_pregrasp.simulation.recording import CameraView, add_visualizers
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
@@ -300,8 +299,7 @@ def _add_logger(
     connect(builder, planner, "p_WC contact_status", monitor)
     if sink is None:
         return
-    size, period = len(GraspQuality.names()), resolved.planner.period
-    logger = TickLogger(num_contacts=n, quality_size=size, period=period, sink=sink)
+    logger = TickLogger(num_contacts=n, period=resolved.planner.period, sink=sink)
     builder.AddNamedSystem("tick_logger", logger)
     connect(builder, plant, "X_WO", logger)
     connect(builder, monitor, "grasp_quality", logger)

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -11,6 +11,7 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem
 from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.estimation.pose_track import TrackingStatus
+from drake_pregrasp.quality.grasp_quality import GraspQuality
 from drake_pregrasp.regions.safe_regions import SafeRegions
 from drake_pregrasp.systems.link_contacts import TOUCHED
 from drake_pregrasp.systems.ports import POSE, REGIONS, copied_inputs, declare_inputs
@@ -43,8 +44,8 @@ class TickRecord:
     X_WO: RigidTransform
     X_WO_estimated: RigidTransform
     wall_seconds: float
-    tracking_status: int = TrackingStatus.TRACKING
-    time_since_measurement: float = 0.0
+    tracking_status: int
+    time_since_measurement: float
 
     def active_contacts(self) -> tuple[IntArray, FloatArray]:
         """Returns the indices of the active contacts, and their goals in the estimated O."""
@@ -72,15 +73,13 @@ class TickLogger(LeafSystem):
     The ports accept the values of the output ports with these names: `p_WC`, `contact_status` and
     `contact_causes` of `CentroidSelector`, `grasp_quality` of `GraspQualityMonitor`,
     `safe_regions` of `SafeRegionPartitioner`, `X_WO` of `ObjectPlant`, and `X_WO_estimated`,
-    `tracking_status` (optional) and `time_since_measurement` (optional) of `PoseEstimator`. If the
-    last two are unconnected, the record has the status `TRACKING` and the age 0.
+    `tracking_status` and `time_since_measurement` of `PoseEstimator`.
 
     Publish events of one time run in the order in which systems were added. Add this system before
     visualizers, so that it times the planner and not a cache look-up.
 
     Args:
         num_contacts: Number of contacts n.
-        quality_size: Number of elements of `grasp_quality`.
         period: Seconds between ticks.
         sink: Function that is called with each record, in the order of time.
     """
@@ -89,7 +88,6 @@ class TickLogger(LeafSystem):
         self,
         *,
         num_contacts: int,
-        quality_size: int,
         period: float,
         sink: Callable[[TickRecord], None],
     ) -> None:
@@ -99,7 +97,7 @@ class TickLogger(LeafSystem):
             self,
             p_WC=3 * n,
             contact_status=n,
-            grasp_quality=quality_size,
+            grasp_quality=len(GraspQuality.names()),
             safe_regions=REGIONS,
             X_WO=POSE,
             X_WO_estimated=POSE,
@@ -114,15 +112,14 @@ class TickLogger(LeafSystem):
         self._inputs["p_WC"].Eval(context)
         wall_seconds = time.perf_counter() - start
         values = copied_inputs(self._inputs, context)
-        status = values.pop("tracking_status", [TrackingStatus.TRACKING])
         self._sink(
             TickRecord(
                 time=context.get_time(),
                 p_WC=values.pop("p_WC").reshape(-1, 3),
                 regions=values.pop("safe_regions"),
                 wall_seconds=wall_seconds,
-                tracking_status=TrackingStatus(status[0]),
-                time_since_measurement=float(values.pop("time_since_measurement", [0.0])[0]),
+                tracking_status=TrackingStatus(values.pop("tracking_status")[0]),
+                time_since_measurement=float(values.pop("time_since_measurement")[0]),
                 **values,
             )
         )
@@ -155,8 +152,8 @@ class GraspRecord:
     X_WG: RigidTransform
     X_WO: RigidTransform
     X_WD: RigidTransform
-    link_forces: FloatArray = field(default_factory=lambda: np.zeros(len(TOUCHED)))
-    catch_certificate: FloatArray = field(default_factory=lambda: np.full(5, np.nan))
+    link_forces: FloatArray
+    catch_certificate: FloatArray
 
 
 class GraspLogger(LeafSystem):
@@ -175,9 +172,6 @@ class GraspLogger(LeafSystem):
         - X_WD
         - link_forces
         - catch_certificate
-
-    All ports except `f_T_W`, `link_forces` and `catch_certificate` must be connected; without them,
-    the recorded forces are zero, and the certificate is NaN.
 
     The ports accept the values of the output ports with these names: `grasp_report`, `p_GT`,
     `p_WT`, `f_T_W`, `X_WG` and `catch_certificate` of `HandController`, `X_WO`, `X_WD` and
@@ -210,7 +204,6 @@ class GraspLogger(LeafSystem):
 
     def _log(self, context: Context) -> EventStatus:
         values = copied_inputs(self._inputs, context)
-        values.setdefault("f_T_W", np.zeros(len(values["p_WT"])))
         points = {name: values.pop(name).reshape(-1, 3) for name in ("p_WT", "p_GT", "f_T_W")}
         report = values.pop("grasp_report")
         self._sink(GraspRecord(time=context.get_time(), report=report, **points, **values))

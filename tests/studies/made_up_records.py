@@ -34,6 +34,7 @@ def record(time, phase, *, since=0.0, lift=0.0, slid=0.0, sunk=0.0, tilt=0.0, li
         X_WO=X_WO,
         X_WD=RigidTransform(),
         link_forces=np.array(links),
+        catch_certificate=np.full(5, np.nan),
     )
 
 

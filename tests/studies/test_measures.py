@@ -30,7 +30,7 @@ def records(offset=lambda time: 0.0, turn=lambda time: 0.0, off_surface=lambda t
         p_WC = np.array((X_WE @ P_OC.T).T) + np.array([0, off_surface(time), 0])
         status = TrackingStatus.LOST if 8 < time < 9.01 else TrackingStatus.TRACKING
         active = np.full(5, float(ContactStatus.ACTIVE))
-        made.append(TickRecord(time, p_WC, active, None, None, None, X_WO, X_WE, 0.0, status))
+        made.append(TickRecord(time, p_WC, active, None, None, None, X_WO, X_WE, 0.0, status, 0.0))
     return made
 
 

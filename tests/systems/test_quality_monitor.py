@@ -70,7 +70,7 @@ def test_a_logger_hands_over_each_tick(surface, p_OC):
     records = []
     regions = regions_of(surface, p_OC)
     logger = Driven(
-        TickLogger(num_contacts=5, quality_size=5, period=0.1, sink=records.append),
+        TickLogger(num_contacts=5, period=0.1, sink=records.append),
         X_WO_estimated=X_WO,
         X_WO=X_WO,
         p_WC=(X_WO @ p_OC.T).T.ravel(),

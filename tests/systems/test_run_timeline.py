@@ -14,12 +14,14 @@ from drake_pregrasp.visualization.run_timeline import RunTimeline
 def tick(time, statuses=(1, 1), causes=(-1, -1), tracking=TrackingStatus.TRACKING):
     X = RigidTransform()
     contacts = (np.zeros((2, 3)), np.array(statuses, dtype=float), np.array(causes, dtype=float))
-    return TickRecord(time, *contacts, np.array([2.0, 0.99, 100, 1, 0]), None, X, X, 0.0, tracking)
+    quality = np.array([2.0, 0.99, 100, 1, 0])
+    return TickRecord(time, *contacts, quality, None, X, X, 0.0, tracking, 0.0)
 
 
-def grasp_record(time, phase, reason=GiveUp.NONE, **options):
+def grasp_record(time, phase, reason=GiveUp.NONE, catch_certificate=None):
     zeros, X, report = np.zeros((2, 3)), RigidTransform(), np.array([phase, time, reason, 0.0])
-    return GraspRecord(time, report, zeros, zeros, zeros, X, X, X, **options)
+    certificate = np.full(5, np.nan) if catch_certificate is None else catch_certificate
+    return GraspRecord(time, report, zeros, zeros, zeros, X, X, X, np.zeros(3), certificate)
 
 
 def events_of(*ticks, **options):
