@@ -317,13 +317,13 @@ _WITHDRAWN_CLEARANCE = 0.02  # Gap of withdrawn fingertips to the object's top, 
 
 @dataclass(frozen=True, eq=False)
 class TipPlaces:
-    """Positions of fingertips around an object, in a frame G whose z axis is up.
+    """Positions of fingertips around an object.
 
     Attributes:
         tip_radii: Radii of the fingertips, shape (n,), in metres.
-        directions: Horizontal unit vectors to the fingers in the frame U of the palm, shape (n, 3).
-        withdrawn_radii: Distance of each finger without a contact from z of G, shape (n,), in
-            metres.
+        directions: Unit vectors across z to the fingers in the frame U of the palm, shape (n, 3).
+        withdrawn_radii: Distance of each finger without a contact from z of the approach A, shape
+            (n,), in metres.
     """
 
     tip_radii: FloatArray
@@ -343,11 +343,11 @@ class TipPlaces:
         return p_GT - (self.tip_radii + standoff)[:, None] * normals, normals
 
     def withdrawn(self, yaw: float, top: float) -> FloatArray:
-        """Returns positions above the object for fingers without a contact, in G, shape (n, 3).
+        """Returns positions over the object for fingers without a contact, in A, shape (n, 3).
 
         Args:
-            yaw: Yaw of the palm about z of G, in radians.
-            top: Height of the object's top in G, in metres.
+            yaw: Yaw of the palm about z of A, in radians.
+            top: Largest coordinate of the object along z of A, in metres.
         """
         x, y = self.withdrawn_radii * self.directions[:, :2].T
         c, s, z = np.cos(yaw), np.sin(yaw), top + self.tip_radii + _WITHDRAWN_CLEARANCE

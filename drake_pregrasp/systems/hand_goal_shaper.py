@@ -99,14 +99,13 @@ class HandGoalShaper(LeafSystem):
         fixed: Solids in W that fingertips avoid, such as the table.
         p_GT: Initial positions of the fingertips' centres in G, shape (n, 3), in metres.
         finger_azimuths: Azimuths of the fingers about z of U, shape (n,), in radians.
+        withdrawn_radii: Distance from z of A at which each finger without an active contact waits,
+            shape (n,), in metres.
         target_period: Seconds between updates of the contacts: the planning period, between whose
             ticks contact goals do not change in O.
         yaw: Initial yaw of the palm, in radians.
         yaw_range: Smallest and largest angle of the palm, in radians.
         lead: Seconds by which fingertip goals are ahead: the delay of the system that follows them.
-        withdrawn_radii: Distance from z of A at which each finger without an active contact waits,
-            shape (n,), in metres. 0, also the default, stands for the mean initial distance of the
-            fingertips from z of G.
         X_LA: Approach of the palm; see `HandModel`. Fingers go around z of A, and withdraw along
             it.
         p_OCoM: Centre of mass of the object in O, shape (3,), in metres; by default the origin.
@@ -126,11 +125,11 @@ class HandGoalShaper(LeafSystem):
         fixed: Sequence[Solid],
         p_GT: FloatArray,
         finger_azimuths: FloatArray,
+        withdrawn_radii: FloatArray,
         target_period: float,
         yaw: float = 0.0,
         yaw_range: tuple[float, float] = FREE_TURN,
         lead: float = 0.0,
-        withdrawn_radii: FloatArray | None = None,
         X_LA: RigidTransform = FROM_ABOVE,
         p_OCoM: FloatArray | None = None,
         kernels: HandKernels | None = None,
@@ -149,13 +148,11 @@ class HandGoalShaper(LeafSystem):
             self._object = PlacedSolid(object_solid.rounded_box())
         self._fixed = [PlacedSolid(solid.rounded_box()) for solid in fixed]
         self._radius: FloatArray = np.broadcast_to(np.asarray(tip_radius, dtype=float), n)
-        mean_radius = np.mean(np.linalg.norm(np.asarray(p_GT)[:, :2], axis=1))
-        radii = np.zeros(n) if withdrawn_radii is None else withdrawn_radii
         x, y = np.cos(finger_azimuths), np.sin(finger_azimuths)
         self._places = TipPlaces(
             tip_radii=self._radius,
             directions=np.stack([x, y, np.zeros(n)], axis=1),
-            withdrawn_radii=np.where(radii, radii, mean_radius),
+            withdrawn_radii=withdrawn_radii,
         )
         self._X_LA, X_AL = X_LA, X_LA.inverse()
         self._axis = PalmAxis(
@@ -168,17 +165,25 @@ class HandGoalShaper(LeafSystem):
         acceleration = GOAL_SHARE * config.tip_acceleration
         self._pace = Pace(config.goal_speed, acceleration, config.period)
         self._kernels = kernels or REFERENCE.hand()
+        self._declare_state(np.array(p_GT, dtype=float), config.standoff, yaw)
+        self._declare_ports()
+        self.DeclarePeriodicDiscreteUpdateEvent(target_period, 0.0, self._sample_targets)
+        self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._update)
 
-        self._tips = self.DeclareDiscreteState(np.array(p_GT, dtype=float).ravel())
-        self._rates = self.DeclareDiscreteState(3 * n)
+    def _declare_state(self, p_GT: FloatArray, standoff: float, yaw: float) -> None:
+        """Declares the state, which starts with goals of the fingertips and a yaw of the palm."""
+        self._tips = self.DeclareDiscreteState(p_GT.ravel())
+        self._rates = self.DeclareDiscreteState(p_GT.size)
         self._yaw = self.DeclareDiscreteState([yaw])
         # Before the first tick there are no contacts: fingertips stay, and no finger is active.
-        frames = self._places.first_contacts(np.asarray(p_GT), config.standoff)
-        contacts = np.concatenate([*frames, np.zeros((n, 1))], axis=None)
+        frames = self._places.first_contacts(p_GT, standoff)
+        contacts = np.concatenate([*frames, np.zeros(len(p_GT))], axis=None)
         self._targeted = self.DeclareDiscreteState(contacts)
         self._contacts = self.DeclareDiscreteState(contacts)
+
+    def _declare_ports(self) -> None:
         self._targets = self.DeclareAbstractInputPort("fingertip_targets", ports.BUS)
-        self._status = self.DeclareVectorInputPort("contact_status", n)
+        self._status = self.DeclareVectorInputPort("contact_status", len(self._radius))
         any_value = AbstractValue.Make(object())
         self._command = self.DeclareAbstractInputPort("command", any_value)
         self._obstacles = self.DeclareAbstractInputPort("obstacles", ports.OBSTACLES)
@@ -188,8 +193,6 @@ class HandGoalShaper(LeafSystem):
         self.DeclareStateOutputPort("p_GT", self._tips)
         ports.declare_output(self, "X_WH", ports.POSE, self._calc_X_WH, *sources)
         ports.declare_output(self, "X_WU", ports.POSE, self._calc_X_WU, *sources)
-        self.DeclarePeriodicDiscreteUpdateEvent(target_period, 0.0, self._sample_targets)
-        self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._update)
 
     def _sample_targets(self, context: Context, discrete_state: DiscreteValues) -> None:
         """Stores the contact goals in O, and which fingers have one."""

@@ -76,6 +76,7 @@ def make_shaper(
         fixed=fixed,
         p_GT=p_GT,
         finger_azimuths=AROUND,
+        withdrawn_radii=np.full(N, np.mean(np.linalg.norm(p_GT[:, :2], axis=1))),
         target_period=target_period,
         lead=lead,
         **palm,
