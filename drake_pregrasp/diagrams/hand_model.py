@@ -325,9 +325,7 @@ class HandModel:
 
     def _place_fingers(self) -> FloatArray:
         kinematics = self.kinematics
-        joints = map(kinematics.plant.get_joint, kinematics.plant.GetJointIndices())
-        moving = sorted((j.position_start(), j.name()) for j in joints if j.num_positions())
-        names = np.array([name for _, name in moving])
+        names = np.array([joint.name() for joint in self.instances.moving_joints()])
         home = np.zeros(kinematics.num_positions)
         left = np.ones(len(home), dtype=bool)
         left[self.base.joints] = False

@@ -8,7 +8,6 @@ from zipfile import ZipFile
 
 import numpy as np
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 
 from drake_pregrasp.arrays import FloatArray
@@ -89,7 +88,7 @@ def commanded_motion(resolved: ResolvedScenario) -> dict[str, Any]:
         rows.append((tick * period, *np.split(desired, 2), *np.split(state, 2), report, X_WO))
     time, q_desired, v_desired, q, v, report, X_WO = zip(*rows, strict=True)
     return {
-        "joint_names": np.array(_joint_names(resolved.hand.kinematics.plant)),
+        "joint_names": np.array([j.name() for j in resolved.hand.instances.moving_joints()]),
         "time": np.array(time),
         "q_desired": np.array(q_desired),
         "v_desired": np.array(v_desired),
@@ -99,12 +98,6 @@ def commanded_motion(resolved: ResolvedScenario) -> dict[str, Any]:
         "X_WO": np.array([pose_values(X) for X in X_WO]),
         "gave_up": np.array(describe_give_up(int(report[-1][2]), report[-1][3]) or ""),
     }
-
-
-def _joint_names(plant: MultibodyPlant) -> list[str]:
-    joints = map(plant.get_joint, plant.GetJointIndices())
-    moving = sorted((j.position_start(), j.name()) for j in joints if j.num_positions())
-    return [name for _, name in moving]
 
 
 def _postures(resolved: ResolvedScenario, motion: Mapping[str, Any]) -> dict[str, Any]:
@@ -148,11 +141,8 @@ def _last_start(phase: FloatArray, wanted: GraspPhase) -> int:
 def palm_body(resolved: ResolvedScenario) -> RigidBody:
     """Returns the link on which the fingers of a scenario's hand hang."""
     assert resolved.hand is not None
-    kinematics = resolved.hand.kinematics
-    plant, first = kinematics.plant, int(min(kinematics.own_joints(0)))
-    joints = map(plant.get_joint, plant.GetJointIndices())
-    (joint,) = (j for j in joints if j.num_positions() and j.position_start() == first)
-    return joint.parent_body()
+    first = int(min(resolved.hand.kinematics.own_joints(0)))
+    return resolved.hand.instances.moving_joints()[first].parent_body()
 
 
 def _object(resolved: ResolvedScenario) -> dict[str, FloatArray]:
