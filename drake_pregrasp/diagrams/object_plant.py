@@ -285,14 +285,13 @@ def _add_replay(
 
     The plant holds the model of the body only. It is not part of the diagram: nothing is simulated.
     """
-    plant = MultibodyPlant(plant_config.time_step)
-    scene_graph = builder.AddNamedSystem("scene_graph", SceneGraph())
-    source = plant.RegisterAsSourceForSceneGraph(scene_graph)
+    plant, scene_graph = _modelled_plant(builder, plant_config)
     body = add_object(plant, shape, mass)
     plant.Finalize()
     frame = plant.GetBodyFrameIdOrThrow(body.index())
     replay = builder.AddNamedSystem("pose_replay", PoseReplay(motion.read(), frame))
-    builder.Connect(replay.GetOutputPort("geometry_pose"), scene_graph.get_source_pose_port(source))
+    poses = scene_graph.get_source_pose_port(plant.get_source_id())
+    builder.Connect(replay.GetOutputPort("geometry_pose"), poses)
     return MovingObject(plant, scene_graph, replay.GetOutputPort("X_WO"), plant)
 
 

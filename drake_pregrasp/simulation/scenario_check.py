@@ -176,6 +176,8 @@ def unseen_problems(scenario: Scenario, shape: Shape) -> Problems:
         scenario: Scenario whose other values have been checked.
         shape: Shape of the object.
     """
+    if not scenario.depth_sensor.cameras:
+        return
     path = expected_path(scenario.motion, scenario.simulation_duration, shape)
     radius = float(np.max(np.linalg.norm(shape.mesh.vertices - shape.p_OCoM, axis=1)))
     for name, problem in sight_problems(scenario.depth_sensor, path, radius):

@@ -272,7 +272,7 @@ def object_fate(resolved: ResolvedScenario, log: RunLog) -> dict[str, float | No
     names = ("time", "tracking_status", *run_log.pose_columns("wo"))
     time, status, _, _, z, qw, qx, qy, qz = log.read(*names)
     motion, surface = resolved.scenario.motion, resolved.surface
-    has_table = getattr(motion, "table", not isinstance(motion, PoseStream))
+    has_table = not (isinstance(motion, PoseStream) or is_free_flight(motion))
     z_of_R = 2 * np.stack([qx * qz - qw * qy, qy * qz + qw * qx, 0.5 - qx**2 - qy**2])
     left = time[(z + surface.p_OCoM @ z_of_R < 0) & has_table]
     found = np.flatnonzero(status != TrackingStatus.LOST)
