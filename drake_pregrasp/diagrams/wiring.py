@@ -20,12 +20,12 @@ def connect(builder: DiagramBuilder, source: System, names: str, *targets: Syste
 
 
 def export_inputs(builder: DiagramBuilder, names: str, *systems: System) -> None:
-    """Exports input ports under their own names, each for all systems that have such a port.
+    """Exports input ports under their own names, each for all of the systems together.
 
     Args:
         builder: Builder of the diagram.
         names: Names of the ports, separated by spaces.
-        systems: Systems with the ports.
+        systems: Systems, each of which has all of the ports.
     """
     for name in names.split():
         first, *others = systems

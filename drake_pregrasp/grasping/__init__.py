@@ -1,1 +1,1 @@
-"""Grasping: phases, squeeze forces, and paths of fingertips."""
+"""Grasping: phases, meetings, paths of fingertips, and kinematics of a hand."""

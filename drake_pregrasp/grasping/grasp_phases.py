@@ -139,9 +139,8 @@ def _fault(
 ) -> tuple[GiveUp, float] | None:
     if not view.close:
         return GiveUp.TOLD_TO_OPEN, 0.0
-    if (
-        state.phase == GraspPhase.CLOSE and not view.is_tracked
-    ):  # The fingers do not hold the object yet.
+    # Until the squeeze, the fingers do not hold the object yet.
+    if state.phase == GraspPhase.CLOSE and not view.is_tracked:
         return GiveUp.OBJECT_UNSEEN, 0.0
     excess = view.presses - CRUSHING * settings.largest_force
     hardest = int(np.argmax(np.where(np.isnan(excess), -np.inf, excess)))
