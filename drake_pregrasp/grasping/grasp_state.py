@@ -308,7 +308,7 @@ class GraspState:
         """Returns the largest force of each finger, shape (n,), in newtons.
 
         Until the squeeze is complete, and while a hand that has not gripped backs off, fingers
-        press with little more than they should.
+        press with at most half the touch force more than they should.
 
         Args:
             touch_force: Least normal force that counts as touch.
@@ -316,8 +316,9 @@ class GraspState:
         has_let_go = self.phase == GraspPhase.BACK_OFF and np.isinf(self.gripped)
         if self.phase not in (GraspPhase.CLOSE, GraspPhase.SQUEEZE) and not has_let_go:
             return np.full(len(self.active), NO_LIMIT)
-        planned = self.share * norms(self.forces)
-        return np.where(self.active, planned + GENTLE * touch_force, NO_LIMIT)
+        planned = self.applied_share(touch_force) * norms(self.internal)
+        limits = np.maximum(planned + (GENTLE - 1) * touch_force, GENTLE * touch_force)
+        return np.where(self.active, limits, NO_LIMIT)
 
     def applied_share(self, touch_force: float) -> float:
         """Returns the share of the planned forces with which fingers press.

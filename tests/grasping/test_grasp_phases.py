@@ -12,6 +12,7 @@ from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.grasping.grasp_phases import GraspView, next_state
 from drake_pregrasp.grasping.grasp_state import (
     BASE,
+    NO_LIMIT,
     NOT_BLOCKED,
     GiveUp,
     GraspPhase,
@@ -448,3 +449,30 @@ def test_fingers_that_touch_press_with_a_share_of_the_squeeze_and_at_least_the_t
     more = replace(state, share=max(share, later)).applied_share(least)
     assert applied <= more + 1e-12
     assert replace(state, touched=~ALL).applied_share(least) == share
+
+
+@pytest.mark.parametrize("phase", list(GraspPhase))
+def test_forces_are_limited_to_little_more_than_planned_until_the_squeeze_is_complete(phase):
+    planned = balanced(ALL)
+    state = replace(
+        GraspState.first(N, SETTINGS),
+        phase=phase,
+        active=~FEW,
+        touched=ALL,
+        share=0.4,
+        forces=planned.forces,
+        internal=planned.internal,
+    )
+    gripped = replace(state, gripped=1.0)
+    least = SETTINGS.touch_force
+    limits, later = state.force_limits(least), gripped.force_limits(least)
+    assert np.all(limits[FEW] == NO_LIMIT)
+    closes = phase in (GraspPhase.CLOSE, GraspPhase.SQUEEZE)
+    if not (closes or phase == GraspPhase.BACK_OFF):
+        assert np.all(limits == NO_LIMIT)
+        return
+    assert closes == np.all(later[~FEW] < NO_LIMIT)  # What was gripped is set down with full force.
+    wanted = np.linalg.norm(state.planned_forces(0.0, SETTINGS), axis=1)[~FEW]
+    np.testing.assert_allclose(limits[~FEW], wanted + 0.5 * least)
+    touching = replace(state, share=0.0, forces=NOTHING, internal=NOTHING)
+    np.testing.assert_allclose(touching.force_limits(least)[~FEW], 1.5 * least)
