@@ -142,7 +142,9 @@ def quintic(start: FloatArray, t: float, duration: float) -> FloatArray:
 _POWERS = np.arange(6)
 _COEFFICIENTS = np.zeros((5, 3, 6))
 """Coefficients of H₀, H₁ and H₂ and of their derivatives up to the fourth, by rising powers."""
-_COEFFICIENTS[0] = [[1, 0, 0, -10, 15, -6], [0, 1, 0, -6, 8, -3], [0, 0, 0.5, -1.5, 1.5, -0.5]]
+_COEFFICIENTS[0] = np.array(
+    [[1, 0, 0, -10, 15, -6], [0, 1, 0, -6, 8, -3], [0, 0, 0.5, -1.5, 1.5, -0.5]]
+)
 for _order in range(1, 5):
     _COEFFICIENTS[_order, :, :-1] = _COEFFICIENTS[_order - 1, :, 1:] * _POWERS[1:]
 

@@ -181,10 +181,11 @@ class GraspSequencer(LeafSystem):
             stiffness=np.broadcast_to(np.asarray(stiffness, dtype=float), n),
             friction=config.planned_friction * GRAVITY * mass,
             lift_axis=self._lift_axis,
-            stop_duration=self._settings.stop_duration,
+            settings=self._settings,
             a_W=self._fall,
         )
-        self._held = HeldFrame(self, held, self._grasp, self._p_WT, self._pose, config.period)
+        tips = self._p_WT, self._f_T_W
+        self._held = HeldFrame(self, held, self._grasp, *tips, self._pose, config.period)
         any_value = AbstractValue.Make(object())
         also = (self._pose.source, self._V_WO, self._contacts, self._approach)
         sources = (self.time_ticket(), self._held.near, *also)

@@ -9,7 +9,7 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import CacheEntry, Context, DiscreteValues, InputPort, LeafSystem
 
 from drake_pregrasp.arrays import FloatArray, pack, unpacker, validated_numbers
-from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
+from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspSettings, GraspState
 from drake_pregrasp.grasping.hand_commands import GraspCommand
 from drake_pregrasp.grasping.held_motion import TETHER, HeldMotion
 from drake_pregrasp.grasping.touch_correction import corrected_pose
@@ -24,7 +24,7 @@ class HeldObject(NamedTuple):
         stiffness: Horizontal stiffness of the fingertips, shape (n,), in N/m.
         friction: Largest horizontal force that does not move G on a belt, in newtons.
         lift_axis: Unit vector of the lift in W, shape (3,).
-        stop_duration: Duration of the stop before the lift, in seconds.
+        settings: Settings of the grasp.
         a_W: Acceleration of the object until the hand stops it, in W, shape (3,), in m/s²: gravity
             in the air, and zero for an object that something carries.
     """
@@ -33,7 +33,7 @@ class HeldObject(NamedTuple):
     stiffness: FloatArray
     friction: float
     lift_axis: FloatArray
-    stop_duration: float
+    settings: GraspSettings
     a_W: FloatArray
 
 
@@ -73,6 +73,7 @@ class HeldFrame:
         held: What moves G.
         grasp: Cache entry of the `GraspState`.
         p_WT: Port that accepts the fingertips' centres in W, a vector of 3n, in metres.
+        f_T_W: Port that accepts the forces that they press with, in W, a vector of 3n, in newtons.
         pose: Estimated pose of the object.
         period: Seconds between ticks of the system.
 
@@ -88,18 +89,20 @@ class HeldFrame:
         held: HeldObject,
         grasp: CacheEntry,
         p_WT: InputPort,
+        f_T_W: InputPort,
         pose: ports.LastPose,
         period: float,
     ) -> None:
         n = len(held.stiffness)
         self._held, self._in_air = held, bool(held.a_W.any())
-        self._grasp, self._p_WT, self._pose, self._period = grasp, p_WT, pose, period
+        self._p_WT, self._f_T_W, self._pose = p_WT, f_T_W, pose
+        self._grasp, self._period = grasp, period
         self._last = system.DeclareDiscreteState(pack(_AT_REST))
         self._sticking = system.DeclareDiscreteState(np.full(3 * n, np.nan))
         stored, cache = system.xd_ticket(), partial(ports.declare_cache, system)
         model = HeldMemory(_AT_REST, np.empty((n, 3)), False, True, False)
         self.memory = cache("motion of G at the last tick", model, self._calc_memory, stored)
-        sources = (system.time_ticket(), stored, p_WT)
+        sources = (system.time_ticket(), stored, p_WT, f_T_W)
         self.motion = cache("motion of held object", _AT_REST, self._calc_motion, *sources)
         words = "motion near the estimate"
         self.near = cache(words, _AT_REST, self._calc_near, self.motion, pose.source)
@@ -120,8 +123,9 @@ class HeldFrame:
         memory: HeldMemory = self.memory.Eval(context)
         state: GraspState = self._grasp.Eval(context)
         last, p_GT, time = memory.last, memory.p_GT, context.get_time()
+        settings = self._held.settings
         if not memory.stands:
-            return last.stopping(time, self._held.stop_duration)
+            return last.stopping(time, settings.stop_duration)
         now = last.at(time)
         if state.phase == GraspPhase.BACK_OFF or self._in_air:
             return now
@@ -130,8 +134,13 @@ class HeldFrame:
         if not np.any(on):
             return now
         k = self._held.stiffness[on]
-        f = k @ (p_WT[on] - now.p_WG - p_GT[on] @ now.R_WG.T)
-        return now.yielding(f, np.sum(k), self._held.friction, time - last.time, self._period)
+        push = k @ (p_WT[on] - now.p_WG - p_GT[on] @ now.R_WG.T)
+        # Fingers whose forces are limited are far from their goals without a push.
+        f_T_W = validated_numbers(self._f_T_W.Eval(context)).reshape(-1, 3)
+        felt = np.sum((f_T_W - state.planned_forces(0.0, settings) @ now.R_WG.T)[on], axis=0)
+        if np.all(np.isfinite(felt)):
+            push *= min(1.0, np.linalg.norm(felt) / max(float(np.linalg.norm(push)), 1e-12))
+        return now.yielding(push, np.sum(k), self._held.friction, time - last.time, self._period)
 
     def _calc_near(self, context: Context) -> HeldMotion:
         motion: HeldMotion = self.motion.Eval(context)

@@ -258,7 +258,7 @@ VALUES = {
     "grasp_report": (np.zeros(4), [1.0, 0, 0, 0]),
     "contacts": (np.append(CONTACTS, np.ones(N)), np.append(-CONTACTS, np.ones(N))),
     "p_WT": (ring(0.05 + RADIUS + 0.02).ravel(), (ring(0.05) + 0.01).ravel()),
-    "f_T_W": (np.zeros(3 * N), np.ones(3 * N)),
+    "f_T_W": (np.full(3 * N, 2.0), np.zeros(3 * N)),
     "J_WT": (np.zeros(3 * N * NQ), np.ones(3 * N * NQ)),
     "inertial_torque": (np.zeros(NQ), np.ones(NQ)),
     "hand_state": (np.zeros(2 * NQ), np.full(2 * NQ, 0.1)),

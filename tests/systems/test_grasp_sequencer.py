@@ -14,7 +14,8 @@ from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase
 from drake_pregrasp.grasping.held_motion import TETHER
 
 MEETING = 1.5  # Time of the meeting, in seconds.
-SLACK = GraspConfig.planned_friction * 9.81 * 0.4 / (5 * 400.0)
+STIFFNESS = 400.0
+SLACK = GraspConfig.planned_friction * 9.81 * 0.4 / (5 * STIFFNESS)
 AT_TABLE = RigidTransform(RotationMatrix.MakeXRotation(0.3), [0.0, 0.0, 0.05])
 
 
@@ -43,6 +44,14 @@ def close_until_touch(hand, X_WO):
         hand.fix(p_WT=tips_at(X_WO, gap))
         hand.tick()
     hand.fix(p_WT=tips_at(X_WO, 0.0))
+
+
+def put_tips(hand, tips):
+    """Puts fingertips at places in W, where they press like springs beyond the command."""
+    command = hand.eval("command")
+    goals = (0.05 + RADIUS + command.standoffs)[:, None] * RING @ command.R_WG.T + command.p_WG
+    felt = command.f_T_W - STIFFNESS * (tips - goals)
+    hand.fix(p_WT=tips.ravel(), f_T_W=felt.ravel())
 
 
 def felt_by_first(nhat_W):
@@ -173,7 +182,7 @@ def test_fingers_that_squeeze_carry_the_frame_and_no_estimate_does():
     X_WO = RigidTransform([0.0, 0.0, 0.05])
     hand = sequencer_over(X_WO)
     close_until_touch(hand, X_WO)
-    p_WT = hand.inputs["p_WT"]
+    tips = hand.inputs["p_WT"].reshape(N, 3)
     jumped = RigidTransform([0.002, 0.0, 0.05])
     hand.fix(X_WO_estimated=jumped)
     np.testing.assert_allclose(hand.eval("X_WG").translation(), jumped.translation())
@@ -185,7 +194,7 @@ def test_fingers_that_squeeze_carry_the_frame_and_no_estimate_does():
         moved = v * CONTROL_PERIOD * step
         hand.fix(X_WO_estimated=RigidTransform(jumped.translation() + moved))
         hand.tick()
-        hand.fix(p_WT=p_WT + np.tile(moved, N))
+        put_tips(hand, tips + moved)
     behind = hand.eval("X_WG").translation() - [0, 0, 0.05] - 0.3 * v
     assert np.linalg.norm(behind) < SLACK + 5e-4
     np.testing.assert_allclose(hand.array("V_WO_held"), [0, 0, 0, *v], atol=1e-2)
@@ -231,7 +240,10 @@ def test_the_touch_leaves_no_strain_that_could_slide_the_object(strain):
     close_until_touch(hand, X_WO)
     met = tips_at(strain @ X_WO, 0.0)
     hand.fix(p_WT=met, f_T_W=-3 * SETTINGS.touch_force * RING.ravel())
-    hand.advance(SETTINGS.squeeze_duration)
+    hand.advance(0.1)
+    for _ in range(round((SETTINGS.squeeze_duration - 0.1) / CONTROL_PERIOD)):
+        put_tips(hand, met.reshape(N, 3))
+        hand.tick()
     assert hand.array("grasp_report")[0] == GraspPhase.SQUEEZE
     X_WG, standoffs = hand.eval("X_WG"), hand.eval("command").standoffs
     goals = (X_WG @ ((0.05 + RADIUS + standoffs)[:, None] * RING).T).T
@@ -240,6 +252,22 @@ def test_the_touch_leaves_no_strain_that_could_slide_the_object(strain):
     assert abs(left[0]) <= min(strained, SLACK) + 1e-12
     np.testing.assert_allclose(X_WG.rotation().matrix(), np.eye(3), atol=1e-3)
     np.testing.assert_allclose(hand.eval("command").V_WG, 0, atol=5e-3)
+
+
+def test_fingers_that_only_yield_do_not_move_the_frame():
+    """Their forces are in balance, so that they are beside their goals without a push."""
+    X_WO, aside = RigidTransform([0.0, 0.0, 0.05]), np.array([0.01, 0.0, 0.0])
+    hand = sequencer_over(X_WO)
+    close_until_touch(hand, X_WO)
+    hand.fix(f_T_W=-3 * SETTINGS.touch_force * RING.ravel())
+    hand.advance(0.1)
+    assert hand.array("grasp_report")[0] == GraspPhase.SQUEEZE
+    place = hand.eval("X_WG").translation().copy()
+    for _ in range(10):
+        tips = hand.inputs["p_WT"].reshape(N, 3) + aside / 10
+        hand.fix(p_WT=tips.ravel(), f_T_W=hand.eval("command").f_T_W.ravel())
+        hand.tick()
+    np.testing.assert_allclose(hand.eval("X_WG").translation(), place, atol=1e-9)
 
 
 def test_in_the_air_the_frame_falls_on_from_closing_to_the_lift_and_then_stops():
