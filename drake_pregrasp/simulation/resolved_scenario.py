@@ -43,7 +43,6 @@ from drake_pregrasp.geometry.mesh_solid import MeshSolid
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.regions.finger_measures import FingerMeasures
 from drake_pregrasp.simulation import scenario_check
 from drake_pregrasp.simulation.grasp_check import grasp_problems, model_problems
 from drake_pregrasp.simulation.hand_file import load_hand, made_hand
@@ -128,11 +127,6 @@ class ResolvedScenario:
         """Assumptions of the logged measures, with the contact model of the hand's fingertips."""
         radii = self.hand.description.patch_radii if self.hand else ()
         return self.scenario.measures.resolved(radii)
-
-    def finger_measures(self) -> FingerMeasures | None:
-        """Returns the measures of the hand's fingers, if the planner needs them."""
-        needed = self.hand is not None and self.planner.needs_finger_measures
-        return self.hand.finger_measures(self.surface) if self.hand and needed else None
 
     def remaining_contacts(self, time: float = math.inf) -> list[int]:
         """Returns the contacts that are not lost at a time in seconds; by default, at the end."""

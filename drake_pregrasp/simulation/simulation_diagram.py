@@ -24,7 +24,12 @@ from drake_pregrasp.simulation.scenario_file import resolve
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor
 from drake_pregrasp.systems.loggers import GraspLogger, GraspRecord, TickLogger, TickRecord
 from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
-from drake_pregrasp.systems.sources import CloseCommand, ContactWeights, HandPose, MovingObstacles
+from drake_pregrasp.systems.sources import (
+    CloseCommand,
+    ContactWeights,
+    HandFramePose,
+    MovingObstacles,
+)
 from drake_pregrasp.visualization.obstacle_visualizer import ObstacleVisualizer
 from drake_pregrasp.visualization.point_visualizer import PointVisualizer
 
@@ -163,7 +168,7 @@ def _add_planner(
         connect(builder, builder.AddNamedSystem("obstacles", moving), "obstacles", planner)
     if config.limits.reach:
         frame = scenario.hand_frame
-        pose = HandPose(frame.initial_X_WH(RigidTransform()), follow=frame.follow)
+        pose = HandFramePose(frame.initial_X_WH(RigidTransform()), follow=frame.follow)
         builder.AddNamedSystem("hand_pose", pose)
         connect(builder, planner, "X_WO_estimated", pose)
         connect(builder, pose, "X_WH", planner)

@@ -250,12 +250,12 @@ class CloseCommand(LeafSystem):
         return float(context.get_time() >= context.get_numeric_parameter(self._time)[0] - 1e-9)
 
 
-class HandPose(LeafSystem):
+class HandFramePose(LeafSystem):
     """Emits the pose of a hand that follows the object without turning, or that stays.
 
     .. pydrake_system::
 
-        name: HandPose
+        name: HandFramePose
         input_ports:
         - X_WO_estimated
         output_ports:

@@ -22,7 +22,7 @@ from drake_pregrasp.grasping.hand_commands import GraspCommand
 from drake_pregrasp.grasping.hand_goals import HandGoals
 from drake_pregrasp.regions.finger_measures import FingerMeasures
 from drake_pregrasp.systems.interception_planner import InterceptionPlanner
-from drake_pregrasp.systems.sources import HandPose
+from drake_pregrasp.systems.sources import HandFramePose
 
 N, NQ, RADIUS = 5, 19, 0.009
 PERIOD, CONTROL_PERIOD = 0.05, 0.02
@@ -196,7 +196,7 @@ MAKERS = {
         finger_measures=sloping_measures(),
     ),
     "selector": lambda: make_selector(SURFACE, P_OC),
-    "hand pose": lambda: HandPose(X_G),
+    "hand pose": lambda: HandFramePose(X_G),
     "fingertip sensor": lambda: dp.FingertipSensor(HAND.kinematics),
     "kinematics": make_kinematics,
     "shaper": lambda: make_shaper(lead=0.03, target_period=CONTROL_PERIOD),

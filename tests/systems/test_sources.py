@@ -118,6 +118,14 @@ def test_capability_counts_at_the_smallest_distance_of_fingers_that_are_left():
     np.testing.assert_allclose(driven.eval("contact_weights")[1], -(0.15**2) * 0.3 / 1.3)
 
 
+def test_capability_counts_at_a_given_length_wherever_the_fingers_are():
+    source = sources.ContactWeights(
+        np.zeros(3), capability=lambda t: np.array([1.0, 0.5, 0.2 + t]), length=0.1
+    )
+    expected = dp.capability_weights(np.array([1.0, 0.5, 0.4]), 0.1)
+    np.testing.assert_allclose(emitted(source, 0.2), expected)
+
+
 def test_a_finger_that_is_not_there_cannot_be_lost():
     with pytest.raises(dp.InvalidArgumentError, match="no contact 3; there are 0 to 2"):
         sources.ContactWeights(np.zeros(3), [(1.0, [3])])
@@ -152,7 +160,7 @@ def test_obstacles_have_no_velocities_or_one_a_solid():
 @pytest.mark.parametrize("follow", [False, True])
 def test_a_hand_keeps_its_orientation_and_its_place_by_the_object_or_in_the_world(follow):
     X = RigidTransform(RollPitchYaw(0.3, 0.1, -2.0), [0.1, 0.0, 0.2])
-    X_WH = Driven(sources.HandPose(X, follow=follow), X_WO_estimated=X_WO).eval("X_WH")
+    X_WH = Driven(sources.HandFramePose(X, follow=follow), X_WO_estimated=X_WO).eval("X_WH")
     np.testing.assert_allclose(X_WH.translation(), X.translation() + follow * X_WO.translation())
     np.testing.assert_array_equal(X_WH.rotation().matrix(), X.rotation().matrix())
 
