@@ -133,22 +133,32 @@ class PregraspPlanner(Diagram):
                 kernels=kernels,
             ),
         )
-        connect(builder, estimator, "X_WO_estimated V_WO_estimated", partitioner)
-        connect(builder, estimator, "X_WO_estimated p_WO_covariance tracking_status", selector)
-        connect(builder, partitioner, "safe_regions", selector)
-        connect(builder, selector, "p_WC_previous:p_WC", partitioner)
-        export_inputs(builder, "X_WO_measured measurement_time", estimator)
-        export_inputs(builder, "contact_weights obstacles X_WH", partitioner)
-        export_inputs(builder, "hold_contacts", selector)
-        export_inputs(builder, "V_WO_held point_cloud p_WT f_T_W", estimator)
-        export_inputs(builder, "finger_coordinates candidate_coordinates X_WU", partitioner)
-        export_outputs(builder, selector, "p_WC contact_status fingertip_targets")
-        export_outputs(builder, estimator, "X_WO_estimated V_WO_estimated p_WO_covariance")
-        export_outputs(builder, partitioner, "safe_regions")
-        export_outputs(builder, selector, "contact_causes p_WC_previous")
-        export_outputs(builder, estimator, "tracking_status time_since_measurement")
-        export_outputs(builder, estimator, "measurement_verdict innovation_squared camera_offset")
+        _connect(builder, estimator, partitioner, selector)
         builder.BuildInto(self)
+
+
+def _connect(
+    builder: DiagramBuilder,
+    estimator: PoseEstimator,
+    partitioner: SafeRegionPartitioner,
+    selector: CentroidSelector,
+) -> None:
+    """Connects the systems to each other, and exports the ports of `PregraspPlanner` in order."""
+    connect(builder, estimator, "X_WO_estimated V_WO_estimated", partitioner)
+    connect(builder, estimator, "X_WO_estimated p_WO_covariance tracking_status", selector)
+    connect(builder, partitioner, "safe_regions", selector)
+    connect(builder, selector, "p_WC_previous:p_WC", partitioner)
+    export_inputs(builder, "X_WO_measured measurement_time", estimator)
+    export_inputs(builder, "contact_weights obstacles X_WH", partitioner)
+    export_inputs(builder, "hold_contacts", selector)
+    export_inputs(builder, "V_WO_held point_cloud p_WT f_T_W", estimator)
+    export_inputs(builder, "finger_coordinates candidate_coordinates X_WU", partitioner)
+    export_outputs(builder, selector, "p_WC contact_status fingertip_targets")
+    export_outputs(builder, estimator, "X_WO_estimated V_WO_estimated p_WO_covariance")
+    export_outputs(builder, partitioner, "safe_regions")
+    export_outputs(builder, selector, "contact_causes p_WC_previous")
+    export_outputs(builder, estimator, "tracking_status time_since_measurement")
+    export_outputs(builder, estimator, "measurement_verdict innovation_squared camera_offset")
 
 
 def AddPregraspPlanner(

@@ -168,17 +168,21 @@ class SafeRegionPartitioner(LeafSystem):
         )
         self._graph = SurfaceGraph(surface) if config.wall_test == "surface" else None
         self._surface, self._num_contacts = kernels.surface(surface), num_contacts
+        self._own = self._make_candidates(own)
+        self._declare_ports()
+
+    def _declare_ports(self) -> None:
+        """Declares the ports, and the cache entry of the candidates."""
+        (n, k), N = self._fingers.shape, len(self._points)
         self._X_WO_estimated = self.DeclareAbstractInputPort("X_WO_estimated", ports.POSE)
-        self._p_WC = self.DeclareVectorInputPort("p_WC", 3 * num_contacts)
-        self._contact_weights = self.DeclareVectorInputPort("contact_weights", num_contacts)
+        self._p_WC = self.DeclareVectorInputPort("p_WC", 3 * n)
+        self._contact_weights = self.DeclareVectorInputPort("contact_weights", n)
         self._obstacles = self.DeclareAbstractInputPort("obstacles", ports.OBSTACLES)
         self._X_WH = self.DeclareAbstractInputPort("X_WH", ports.POSE)
         self._V_WO = self.DeclareAbstractInputPort("V_WO_estimated", ports.VELOCITY)
-        self._finger_values = self.DeclareVectorInputPort("finger_coordinates", num_contacts * k)
-        values = self._candidate_values = self.DeclareVectorInputPort(
-            "candidate_coordinates", N * k
-        )
-        self._own = self._make_candidates(own)
+        self._finger_values = self.DeclareVectorInputPort("finger_coordinates", n * k)
+        values = self.DeclareVectorInputPort("candidate_coordinates", N * k)
+        self._candidate_values = values
         self._candidates = ports.declare_cache(
             self, "candidates of Eq. 1", self._own, self._calc_candidates, values
         )
