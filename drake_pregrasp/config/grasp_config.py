@@ -87,7 +87,7 @@ class GraspConfig:
     tip_acceleration: float = field(default=5.0, metadata={"above": 0, "at_most": 100})
 
     # Gap between fingertips and object while tracking, in metres.
-    standoff: float = field(default=0.02, metadata={"at_least": 0.008, "at_most": 1})
+    standoff: float = field(default=0.02, metadata={"at_least": MOVING_CLEARANCE, "at_most": 1})
 
     # Speed of closing fingertips, in m/s.
     closing_speed: float = field(default=0.04, metadata=_LENGTH)
@@ -213,9 +213,8 @@ class GraspConfig:
     def latest_rest(self, fingertips: Sequence[Fingertip] = ()) -> float:
         """Returns the time until which the hand follows the object's motion, in seconds.
 
-        An object that is not where it is estimated delays this.
-
-        The hand stops for the lift after it has waited for its fingers, closed and squeezed.
+        The hand stops for the lift after it has waited for its fingers, closed and squeezed. An
+        object that is not where it is estimated delays this.
         """
         settings = self.make_settings(fingertips)
         closing = settings.closing_duration + settings.squeeze_duration

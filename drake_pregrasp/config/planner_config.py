@@ -115,7 +115,8 @@ class EstimatorConfig:
     # Whether fingertips measure the pose: those that press touch the surface, others are outside.
     touch: bool = True
 
-    # Least force of a fingertip that touches, in newtons; that of `grasp` by default.
+    # Least force of a fingertip that counts as touching the surface, in newtons. The hand itself
+    # closes with `grasp.touch_force`.
     touch_force: float = field(default=0.2, metadata={"above": 0, "at_most": 1000})
 
     # Standard deviation of the distance of something that touches from the surface, in metres.
