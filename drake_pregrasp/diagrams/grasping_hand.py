@@ -32,13 +32,13 @@ from drake_pregrasp.diagrams.hand_instances import (
 )
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_parsing import read_model
-from drake_pregrasp.diagrams.hand_station import TABLE
 from drake_pregrasp.diagrams.object_contact import (
     contact_problems,
     has_hull_and_surface,
     only_free_body,
     separate_contacts,
 )
+from drake_pregrasp.diagrams.object_plant import TABLE
 from drake_pregrasp.diagrams.plant_match import base_pose, matching_joints
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.diagrams.wiring import connect

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-import numpy as np
 from pydrake.geometry import GeometryId, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant, MultibodyPlantConfig
 from pydrake.multibody.tree import Joint, ModelInstanceIndex
@@ -20,7 +19,6 @@ from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.object_plant import DRAKE, add_moving_object
 from drake_pregrasp.diagrams.wiring import connect, export_inputs
 from drake_pregrasp.geometry.shapes import Shape
-from drake_pregrasp.geometry.solids import HalfSpace
 from drake_pregrasp.systems.hand_kinematics import HandLink, hand_links
 from drake_pregrasp.systems.hand_scene import separate_fingers
 from drake_pregrasp.systems.link_contacts import LinkContacts
@@ -158,7 +156,3 @@ class HandStation(Diagram):
         builder.ExportOutput(disc.get_output_port(), "X_WD")
         builder.ExportOutput(contacts.get_output_port(), "link_forces")
         builder.BuildInto(self)
-
-
-TABLE = MovingSolid(HalfSpace(np.zeros(3), np.array([0.0, 0.0, 1.0])), np.zeros(3))
-"""Top of the table, which no fingertip may touch."""

@@ -17,7 +17,7 @@ from pydrake.multibody.plant import (
     MultibodyPlantConfig,
 )
 from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
 from drake_pregrasp.config.object_config import (
@@ -39,7 +39,7 @@ from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.geometry.convex_pieces import convex_pieces
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.geometry.shapes import Shape
-from drake_pregrasp.geometry.solids import BoxSolid
+from drake_pregrasp.geometry.solids import BoxSolid, HalfSpace, Solid
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.systems.mujoco_model import mujoco_substeps
 from drake_pregrasp.systems.mujoco_plant import MujocoPlant
@@ -122,54 +122,43 @@ def add_moving_object(
         plant, scene_graph = AddMultibodyPlant(plant_config, builder)
     else:
         plant, scene_graph = _modelled_plant(builder, plant_config)
-    slides, mesh, begin = isinstance(motion, Toss), shape.mesh, 0.0
-    body = add_object(plant, shape, mass, friction=friction, slides=slides)
+    drives: dict[str, tuple[ModelInstanceIndex, ObjectMotion]] = {}
+    body = add_object(plant, shape, mass, friction=friction, slides=isinstance(motion, Toss))
     if isinstance(motion, Conveyor):
-        driven, profile = add_model(plant, "conveyor_table.sdf"), motion.velocities()
-        begin = motion.position[0]
+        table, begin = add_model(plant, "conveyor_table.sdf"), motion.position[0]
+        plant.GetJointByName("slide", table).set_default_translation(begin)
+        profile = VelocityProfile(motion.velocities())
+        drives["object_motion"] = table, ObjectMotion(profile, begin)
     elif isinstance(motion, Push):
-        driven = _add_pusher(plant, motion)
-        profile = push_profile(motion, RETREAT if add_more else 0.0)
+        profile = VelocityProfile(push_profile(motion, RETREAT if add_more else 0.0))
+        drives["object_motion"] = _add_pusher(plant, motion), ObjectMotion(profile)
     elif motion.table:
         add_model(plant, "table.sdf")
     moving = add_obstacle_bodies(plant, scene_graph, obstacles, body)
+    for index, (instance, speed) in enumerate(moving):
+        profile = VelocityProfile([[0.0, speed]])
+        drives[f"obstacle_motion_{index}"] = instance, ObjectMotion(profile)
     if add_more is not None:
         add_more(plant)
     plant.Finalize()
-    separate_contacts(plant, scene_graph, body, is_convex=mesh.is_convex)
+    separate_contacts(plant, scene_graph, body, is_convex=shape.mesh.is_convex)
     if separate_more is not None:
         separate_more(plant, scene_graph)
     plant.SetDefaultFloatingBaseBodyPose(body, initial_pose(motion, shape))
-    if begin:
-        plant.GetJointByName("slide", driven).set_default_translation(begin)
     forces = [builder.AddNamedSystem("object_shake", ObjectShake(body))] if shakes else []
     dynamics = plant
     if engine == MUJOCO:
-        dynamics = _add_mujoco(builder, plant, scene_graph, body, mesh, motion)
-    if isinstance(motion, Toss) and engine == DRAKE:
+        dynamics = _add_mujoco(builder, plant, scene_graph, body, shape.mesh, motion)
+    elif isinstance(motion, Toss):
         solids = [o.solid for o in obstacles if not np.any(o.velocity)]
         solids += [TABLE_TOP] if motion.table else []
-        coulomb = 2 * friction * FRICTION / (friction + FRICTION)  # As Drake combines them.
-        launch, corners = _launch_velocity(plant, motion), mesh.convex_hull.vertices
-        tossed = TossedBody(plant, body, launch, points=corners, solids=solids, friction=coulomb)
-        forces.append(builder.AddNamedSystem("tossed_body", tossed))
-        connect(builder, plant, "body_poses body_spatial_velocities", tossed)
-    elif not isinstance(motion, Toss):
-        command = builder.AddNamedSystem(
-            "object_motion", ObjectMotion(VelocityProfile(profile), begin)
-        )
-        builder.Connect(command.get_output_port(), dynamics.get_desired_state_input_port(driven))
-    for index, (instance, speed) in enumerate(moving):
-        drive = ObjectMotion(VelocityProfile([[0.0, speed]]))
-        builder.AddNamedSystem(f"obstacle_motion_{index}", drive)
+        forces.append(_add_tossed_body(builder, plant, body, motion, shape.mesh, solids, friction))
+    for name, (instance, drive) in drives.items():
+        builder.AddNamedSystem(name, drive)
         builder.Connect(drive.get_output_port(), dynamics.get_desired_state_input_port(instance))
     if forces:
-        together = ExternallyAppliedSpatialForceMultiplexer(len(forces))
-        builder.AddNamedSystem("spatial_forces", together)
-        for index, source in enumerate(forces):
-            builder.Connect(source.get_output_port(), together.get_input_port(index))
-        spatial_forces = dynamics.get_applied_spatial_force_input_port()
-        builder.Connect(together.get_output_port(), spatial_forces)
+        together = _add_sum_of_forces(builder, forces)
+        builder.Connect(together, dynamics.get_applied_spatial_force_input_port())
     body_pose = BodyPose(body.index(), time_step=plant_config.time_step if holds_pose else 0.0)
     pose = builder.AddNamedSystem("object_pose", body_pose)
     builder.Connect(dynamics.get_body_poses_output_port(), pose.get_input_port())
@@ -213,6 +202,33 @@ def _add_mujoco(
     return dynamics
 
 
+def _add_tossed_body(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    body: RigidBody,
+    motion: Toss,
+    mesh: trimesh.Trimesh,
+    solids: Sequence[Solid],
+    friction: float,
+) -> TossedBody:
+    """Adds the launch of a body in Drake's plant, and its impacts on solids."""
+    coulomb = 2 * friction * FRICTION / (friction + FRICTION)  # As Drake combines them.
+    launch, corners = _launch_velocity(plant, motion), mesh.convex_hull.vertices
+    tossed = TossedBody(plant, body, launch, points=corners, solids=solids, friction=coulomb)
+    builder.AddNamedSystem("tossed_body", tossed)
+    connect(builder, plant, "body_poses body_spatial_velocities", tossed)
+    return tossed
+
+
+def _add_sum_of_forces(builder: DiagramBuilder, sources: Sequence[System]) -> OutputPort:
+    """Returns the port of a new system with the forces of all sources."""
+    together = ExternallyAppliedSpatialForceMultiplexer(len(sources))
+    builder.AddNamedSystem("spatial_forces", together)
+    for index, source in enumerate(sources):
+        builder.Connect(source.get_output_port(), together.get_input_port(index))
+    return together.get_output_port()
+
+
 TIP_RADIUS = 0.012
 """Radius of the pusher's tip in `pusher.sdf`, in metres."""
 
@@ -253,6 +269,9 @@ def push_profile(motion: Push, retreat: float = 0.0) -> list[list[float]]:
         corners.append((max(back, end) + ramp, 0.0))
     return [[time, speed] for time, speed in dict(corners).items()]  # Without repeated times.
 
+
+TABLE = MovingSolid(HalfSpace(np.zeros(3), np.array([0.0, 0.0, 1.0])), np.zeros(3))
+"""Half-space below the top of a table, which no fingertip may touch."""
 
 TABLE_TOP = BoxSolid(np.array([0.0, 0.0, -0.015]), np.eye(3), np.array([1.2, 0.8, 0.03]))
 """The table of `table.sdf` in W."""

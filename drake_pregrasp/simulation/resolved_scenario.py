@@ -31,7 +31,7 @@ from drake_pregrasp.diagrams.approaches import (
 )
 from drake_pregrasp.diagrams.expected_path import expected_poses, initial_pose
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.diagrams.hand_station import TABLE
+from drake_pregrasp.diagrams.object_plant import TABLE
 from drake_pregrasp.errors import (
     InvalidArgumentError,
     NoSurfaceError,

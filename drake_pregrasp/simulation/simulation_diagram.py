@@ -12,8 +12,8 @@ from drake_pregrasp.diagrams.depth_sensor import DepthSensor
 from drake_pregrasp.diagrams.grasping_hand import GoalSource, GraspingHand, add_grasping_hand
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.diagrams.hand_station import TABLE, HandStation
-from drake_pregrasp.diagrams.object_plant import ObjectPlant
+from drake_pregrasp.diagrams.hand_station import HandStation
+from drake_pregrasp.diagrams.object_plant import TABLE, ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.simulation.obstacle_config import moving_solid

@@ -9,7 +9,7 @@ from five_finger_hand import HAND
 from pydrake.multibody.plant import MultibodyPlantConfig
 
 from drake_pregrasp import Box, Conveyor, GraspConfig, HandStation
-from drake_pregrasp.diagrams.hand_station import TABLE
+from drake_pregrasp.diagrams.object_plant import TABLE
 from drake_pregrasp.simulation.hand_file import HandFile
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
