@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+import typing
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from drake_pregrasp.grasping.finger_homes import OBJECT_RADIUS
 from drake_pregrasp.resources import resolve_path
 from drake_pregrasp.simulation.hand_file import check_model_files, hand_data, load_hand, made_hand
 from drake_pregrasp.simulation.recording import start_meshcat
-from drake_pregrasp.simulation.schema_check import mapping_problems
+from drake_pregrasp.simulation.schema_check import is_union, mapping_problems
 from drake_pregrasp.visualization.drawing import contact_color
 
 _CAMERA = (0.35, -0.45, 0.25)  # Place of the camera relative to the object, in metres.
@@ -107,14 +108,14 @@ def _plain(value: Any) -> Any:
         return [_plain(element) for element in value]
     if not dataclasses.is_dataclass(value):
         return value
-    fields = {}
+    fields, kinds = {}, typing.get_type_hints(type(value))
     for f in dataclasses.fields(value):
         own = getattr(value, f.name)
         default = f.default_factory() if callable(f.default_factory) else f.default
         is_shown = isinstance(value, Drive) and own  # A drive shows what it has.
         if own != default or is_shown or f.metadata.get("required"):
             fields[f.name] = _plain(own)
-            if f.name in ("base", "reach"):  # Fields that have one of several types.
+            if is_union(kinds[f.name]):
                 fields[f.name][TAG_KEY] = f"!{type(own).__name__}"
     return fields
 

@@ -99,14 +99,15 @@ def add_tags(data: object, config: object) -> None:
         for name, (kind, _) in _fields(type(config)).items():
             part, value = getattr(config, name), data[name]
             add_tags(value, part)
-            if _is_union(kind):
+            if is_union(kind):
                 value[TAG_KEY] = f"!{type(part).__name__}"
-            elif typing.get_origin(kind) is list and _is_union(*typing.get_args(kind)):
+            elif typing.get_origin(kind) is list and is_union(*typing.get_args(kind)):
                 for element, mapping in zip(part, value, strict=True):
                     mapping[TAG_KEY] = f"!{type(element).__name__}"
 
 
-def _is_union(kind: Any) -> bool:
+def is_union(kind: Any) -> bool:
+    """Returns whether a field of that type holds one of several dataclasses, which a tag names."""
     return typing.get_origin(kind) in (typing.Union, types.UnionType)
 
 
@@ -128,7 +129,7 @@ def _value_problems(key: str, value: object, kind: Any, rules: Mapping[str, Any]
         element_rules = rules.get("elements", rules)
         for index, element in enumerate(value):
             yield from _value_problems(f"{key}[{index}]", element, element_kind, element_rules)
-    elif _is_union(kind):
+    elif is_union(kind):
         yield from _variant_problems(key, value, typing.get_args(kind))
     elif typing.get_origin(kind) is dict:
         if not isinstance(value, Mapping):
