@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pydrake.geometry import GeometryId, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant, MultibodyPlantConfig
 from pydrake.multibody.tree import Joint, ModelInstanceIndex
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
@@ -130,22 +130,8 @@ class HandStation(Diagram):
             shakes=True,
             engine=engine,
         )
-        contacts = builder.AddNamedSystem(
-            "link_contacts",
-            LinkContacts(
-                links,
-                self.plant.GetCollisionGeometriesForBody(self.plant.GetBodyByName("object")),
-                period=period,
-                time_step=plant_config.time_step,
-                results=self.dynamics.GetOutputPort("contact_results").Allocate(),
-            ),
-        )
-        connect(builder, self.dynamics, "contact_results", contacts)
-        carrier = self.plant.world_body()
-        if self.plant.HasBodyNamed("turntable"):
-            carrier = self.plant.GetBodyByName("turntable")
-        disc = builder.AddNamedSystem("turntable_pose", BodyPose(carrier.index()))
-        builder.Connect(self.dynamics.get_body_poses_output_port(), disc.get_input_port())
+        contacts = self._add_link_contacts(builder, links, period)
+        X_WD = self._add_turntable_pose(builder)
         desired, state, actuation = hand_ports(builder, self.plant, joints, self.dynamics)
         builder.ExportInput(desired, "desired_state")
         export_inputs(builder, "grasp_report", builder.GetSubsystemByName("object_shake"))
@@ -153,6 +139,30 @@ class HandStation(Diagram):
         builder.ExportOutput(self.scene_graph.get_query_output_port(), "query_object")
         builder.ExportOutput(state, "hand_state")
         builder.ExportOutput(actuation, "net_actuation")
-        builder.ExportOutput(disc.get_output_port(), "X_WD")
+        builder.ExportOutput(X_WD, "X_WD")
         builder.ExportOutput(contacts.get_output_port(), "link_forces")
         builder.BuildInto(self)
+
+    def _add_link_contacts(
+        self, builder: DiagramBuilder, links: dict[GeometryId, HandLink], period: float
+    ) -> LinkContacts:
+        body = self.plant.GetBodyByName("object")
+        contacts = LinkContacts(
+            links,
+            self.plant.GetCollisionGeometriesForBody(body),
+            period=period,
+            time_step=self.plant.time_step(),
+            results=self.dynamics.GetOutputPort("contact_results").Allocate(),
+        )
+        builder.AddNamedSystem("link_contacts", contacts)
+        connect(builder, self.dynamics, "contact_results", contacts)
+        return contacts
+
+    def _add_turntable_pose(self, builder: DiagramBuilder) -> OutputPort:
+        """Adds the system that emits the pose of the turntable, or of the world without one."""
+        body = self.plant.world_body()
+        if self.plant.HasBodyNamed("turntable"):
+            body = self.plant.GetBodyByName("turntable")
+        pose = builder.AddNamedSystem("turntable_pose", BodyPose(body.index()))
+        builder.Connect(self.dynamics.get_body_poses_output_port(), pose.get_input_port())
+        return pose.get_output_port()
