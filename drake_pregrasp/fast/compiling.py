@@ -18,7 +18,7 @@ class _Announcement(Listener):  # type: ignore[misc]
         """See numba's `Listener`."""
         unregister("numba:compile", self)
         logging.getLogger(__name__).warning(
-            "numba compiles the planner; later starts load it from a cache in less than a second"
+            "numba compiles the planner; later starts load it from a cache"
         )
 
     def on_end(self, event: Event) -> None:
