@@ -28,12 +28,11 @@ rounded edges, with infinite bounds for half-spaces, and share one formula for t
 **Blocks.** Candidates never move in the object's frame. At construction they are sorted into
 compact blocks, of up to 64 candidates on small surfaces and up to 632 on one with 100,000, each
 with a bounding box of its positions and of its normals. In a tick a block finds the contacts that
-may own its candidates, most often one, then discards what cannot divide it: a half-space that
+may own its candidates, then discards what cannot divide it: a half-space that
 contains the box; an obstacle farther away than the box is large. This works because power distances
 differ by a linear function, and a distance changes no faster than its point: the value at the box's
 middle, plus or minus the size of the box, decides the whole block. Only what is left is tested for
-all candidates of the block at once, most often a few of hundreds of half-spaces in a few blocks at
-the boundaries of regions. Of 2,000 obstacle points, too, a block tests only those nearby.
+all candidates of the block at once, such as half-spaces that cut it at the boundary of a region.
 
 **Reasons.** If regions come out tiny, their cells are counted by the same function, called once
 more: for each limit, how many candidates of the cell it excludes.
@@ -50,8 +49,8 @@ compiler makes vector instructions of them. Blends add up the weights of their s
 **Compilation.** Functions with signatures are compiled when they are imported, that is when a
 planner is made, never in a tick; only the strategies that a planner has are imported. Functions
 without signatures become part of those that call them. All use single elements of arrays, since
-array expressions take many times as long to compile. A literal argument makes numba compile a
-function once more.
+array expressions take longer to compile. A literal argument makes numba compile a function once
+more.
 """
 
 import importlib.util

@@ -1,7 +1,7 @@
 """Exponential map of rotations, its inverse and its left Jacobian, for one or a few rotations.
 
-`scipy.spatial.transform.Rotation` does the same for many at once; for a single one its call takes
-ten to forty times as long, which a filter at a kilohertz cannot afford.
+`scipy.spatial.transform.Rotation` does the same for many at once; for a single one, these functions
+take less time.
 """
 
 import math

@@ -110,7 +110,7 @@ def robot_model(url: str) -> Path:
 @contextmanager
 def _bar(text: str) -> Iterator[Callable[[int, int], None]]:
     """Shows a progress bar on a terminal."""
-    # Models are mostly in the cache, and imports take a tenth of a second.
+    # Not needed for models that are in the cache.
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn
 
