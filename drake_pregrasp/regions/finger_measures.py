@@ -27,6 +27,7 @@ LEAST_ARM = 1e-3
 
 _NODES = 16  # Number of nodes along each axis of a lattice.
 _SAMPLES = 3000  # Places of a fingertip; 90 % are nearer to the next than half of 12 mm.
+_ROUNDS = 40  # Fixed-point iterations until g is exact.
 _NEAR = 8  # Number of samples near a node, of which the one closest to home is taken.
 _STEPS = 12  # Number of steps from there to the node.
 _LAST = 4  # Number of the last steps, which no longer lead toward home.
@@ -89,17 +90,22 @@ class FingerChain:
             The places whose distance from the tip at home has these parts, shape (m, 3); with three
             joints or more, the places themselves.
         """
-        J = self.tips(self.home[None])[1][0]
-        if J.shape[1] >= len(J):
+        if len(self.home) >= p_UT.shape[1]:
             return p_UT
+        J = self.tips(self.home[None])[1][0]
         return np.asarray(self.tip + (p_UT - self.tip) @ (J @ np.linalg.pinv(J)))
 
     def samples(self) -> FloatArray:
-        """Returns evenly spread positions of the joints, shape (m, k)."""
-        # Imported only here, because scipy.stats takes a quarter of a second.
-        from scipy.stats.qmc import Halton
+        """Returns evenly spread positions of the joints, shape (m, k).
 
-        share = Halton(len(self.home), seed=0).random(_SAMPLES)
+        Row m is the fractional part of m (1/g, 1/g², ..., 1/gᵏ) over the ranges of the joints, where
+        g is the root of x^(k + 1) = x + 1, the golden ratio for k = 1 (Roberts, 2018). Unlike the
+        sequences of `scipy.stats`, it needs no import of half a second.
+        """
+        k, g = len(self.home), 1.0
+        for _ in range(_ROUNDS):
+            g = (1 + g) ** (1 / (k + 1))
+        share = np.outer(np.arange(_SAMPLES), g ** -np.arange(1.0, k + 1)) % 1
         q: FloatArray = self.lower + share * (self.upper - self.lower)
         return q
 
