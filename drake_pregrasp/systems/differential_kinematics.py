@@ -85,7 +85,8 @@ class DifferentialKinematics(LeafSystem):
     or `NOT_BLOCKED`, as of the last tick.
 
     Port `inertial_torque` emits a vector of nq: M(q) dv/dt with the mass matrix M of the hand,
-    in N m (and N), as of the last tick; zero unless `feeds_inertia` is set.
+    in N m (and N), as of the last tick; zero unless `feeds_inertia` is set. Without dv/dt of the
+    own joints of fingers that press: torques that brake them as they touch would lift them off.
 
     At each tick the velocities v of the joints minimise the errors of goals J v - V first and of
     the posture second (`joint_velocities`), within the limits of speed and acceleration of the
@@ -198,7 +199,10 @@ class DifferentialKinematics(LeafSystem):
         if self._feeds_inertia:
             plant = self._hand.plant
             placed = plant.GetMyContextFromRoot(self._placed.Eval(context))
-            inertial = plant.CalcMassMatrix(placed) @ (v - v_last) / self._pace.period
+            acceleration = (v - v_last) / self._pace.period
+            for finger in np.flatnonzero(command.f_T_W.any(axis=1)):
+                acceleration[self._hand.own_joints(finger)] = 0.0  # The object stops them.
+            inertial = plant.CalcMassMatrix(placed) @ acceleration
             discrete_state.set_value(self._inertial, inertial)
         reference = np.concatenate([[context.get_time()], q, v, v_last])
         discrete_state.set_value(self._reference, reference)

@@ -5,6 +5,7 @@ import pytest
 from simulation_runs import points, run_log, run_text
 
 from drake_pregrasp.grasping.grasp_state import GraspPhase
+from drake_pregrasp.grasping.held_criterion import LARGEST_DEG, LARGEST_MM
 from drake_pregrasp.grasping.interception import CatchLimit
 
 pytestmark = pytest.mark.slow
@@ -15,7 +16,9 @@ def test_a_tossed_ball_is_caught_and_comes_to_rest_within_the_travel(tmp_path):
     grasp, log = result.summary["grasp"], run_log(result, "grasp.csv")
     assert (grasp["phase"], grasp["gave_up"]) == ("lift", None)
     assert grasp["link_forces"]["object"] == 0.0
-    assert max(grasp[f"moved_{part}_mm"] for part in ("closing", "squeeze", "lift")) < 5.0
+    parts = "closing", "squeeze", "lift"
+    assert max(grasp[f"moved_{part}_mm"] for part in parts) < LARGEST_MM / 2
+    assert max(grasp[f"turned_{part}_deg"] for part in parts) < LARGEST_DEG / 2
     phase, time, p_WO = log["phase"], log["time"], points(log, "wo")
     assert np.sum(phase == GraspPhase.CLOSE) * 0.002 == pytest.approx(0.1, abs=0.03)
     # Until the touch it falls freely; then it stops along its velocity, within v²/2a = v T/2.

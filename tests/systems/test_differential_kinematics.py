@@ -456,3 +456,23 @@ def test_the_torques_that_accelerate_the_hand_are_commanded_and_told():
     np.testing.assert_allclose(fed.array("inertial_torque"), torques, atol=1e-9)
     np.testing.assert_allclose(HAND.kinematics.stiffness * (q_fed - q), torques, atol=1e-6)
     np.testing.assert_array_equal(lagging.array("inertial_torque"), 0)
+
+
+def test_what_a_finger_touches_stops_its_joints():
+    inward = hand_goals(p_WT=TIPS - 0.1 * (TIPS - P_WO), p_WL=P_WO)
+    pressing = FORCES * (np.arange(N) == 1)[:, None]
+    hand = Driven(
+        make_kinematics(initial=HOME, feeds_inertia=True),
+        goals=inward,
+        command=grasp_command(AFAR, f_T_W=pressing),
+    )
+    hand.advance(CONTROL_PERIOD / 2)
+    change = hand.array("desired_state")[NQ:].copy()
+    own = HAND.kinematics.own_joints(1)
+    assert np.max(np.abs(change[own])) > 0.01
+    change[own] = 0
+    plant = HAND.kinematics.plant
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, HOME)
+    torques = plant.CalcMassMatrix(context) @ change / CONTROL_PERIOD
+    np.testing.assert_allclose(hand.array("inertial_torque"), torques, atol=1e-9)
