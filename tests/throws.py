@@ -89,6 +89,7 @@ def random_throws(count, seed):
             "speed": random.uniform(0.8, 4, 3),
             "acceleration": random.uniform(3, 40, 3),
             "lower": np.array([-1.5, -1.5, random.choice([0.0, -3.0])]),
+            "upper": np.array([1.5, 1.5, random.choice([0.8, 2.0])]),
         }
         settings = replace(
             with_limits(**bounds),

@@ -32,6 +32,7 @@ from drake_pregrasp.grasping.palm_paths import (
     SAMPLES,
     SNAP_ENDS,
     Meeting,
+    turning_points,
 )
 
 _NUM_DESCENTS, _NUM_RISES = len(DESCENTS), len(RISES)
@@ -131,14 +132,40 @@ def room_at(x, v, a, t, lower, upper):  # type: ignore[no-untyped-def]
     return room
 
 
-@compiled("void(f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], i8[::1])")
+@compiled()
+def turns_outside(turn, place, begin, end, height, lower, upper):  # type: ignore[no-untyped-def]
+    """Returns whether a coordinate of the object has an extreme outside the travel.
+
+    Args:
+        turn: Times of the extremes, shape (3,), in seconds.
+        place: Coordinates then, shape (3,), in metres.
+        begin: Time from which on the palm moves with the object, in seconds.
+        end: Time until which it does, in seconds.
+        height: Largest height of the palm over the object in that time, in metres.
+        lower: Smallest coordinates of the palm, shape (3,), in metres.
+        upper: Largest coordinates of the palm, shape (3,), in metres.
+    """
+    for axis in range(3):
+        up = height if axis == 2 else 0.0
+        is_outside = place[axis] < lower[axis] or place[axis] + up > upper[axis]
+        if is_outside and begin < turn[axis] < end:
+            return True
+    return False
+
+
+@compiled(
+    "void(f8[:,::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1],"
+    " f8[::1], i8[::1])"
+)
 def write_possible(  # type: ignore[no-untyped-def]
-    motion, tau, numbers, lower, upper, speed, acceleration, cost, passed
+    motion, turn, place, tau, numbers, lower, upper, speed, acceleration, cost, passed
 ):
     """Writes what meetings cost by their times, infinite where the object cannot be met.
 
     Args:
         motion: Position, velocity and acceleration of the object, shape (3, 3).
+        turn: Times of the extremes of its coordinates, shape (3,), in seconds.
+        place: Coordinates then, shape (3,), in metres.
         tau: Times until the meetings, shape (times,), in seconds.
         numbers: `earliest`, `follow`, `stop`, `grip`, `diffusion` and the variance.
         lower: Smallest coordinates of the palm, shape (3,), in metres.
@@ -171,16 +198,18 @@ def write_possible(  # type: ignore[no-untyped-def]
         squares, left, there = 0.0, np.inf, np.inf
         for axis in range(3):
             rate = v[axis] + (t + follow) * a[axis]
-            place = x[axis] + t * v[axis] + t * t / 2 * a[axis]
-            place += follow * (v[axis] + t * a[axis]) + follow * follow / 2 * a[axis]
-            end = place + stop / 2 * rate
+            gripped = x[axis] + t * v[axis] + t * t / 2 * a[axis]
+            gripped += follow * (v[axis] + t * a[axis]) + follow * follow / 2 * a[axis]
+            end = gripped + stop / 2 * rate
             squares += rate * rate
-            left = min(left, min(place - lower[axis], upper[axis] - place))
+            left = min(left, min(gripped - lower[axis], upper[axis] - gripped))
             there = min(there, min(end - lower[axis], upper[axis] - end))
         if not math.sqrt(squares) <= stop * grip:
             continue
         passed[3] += 1
         if not (left >= 0 and there >= 0):
+            continue
+        if turns_outside(turn, place, t, t + follow, 0.0, lower, upper):
             continue
         passed[4] += 1
         spread = math.sqrt(variance + diffusion * t * t * t)
@@ -189,12 +218,14 @@ def write_possible(  # type: ignore[no-untyped-def]
 
 
 @compiled(
-    "Tuple((i8, i8, i8, f8))(f8[:,::1], f8[:,::1], f8[::1], f8, f8, f8, f8[::1], f8[::1],"
-    " f8[::1], f8[::1], f8[::1], i8, i8, f8[:,:,::1])"
+    "Tuple((i8, i8, i8, f8))(f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8, f8, f8, f8[::1],"
+    " f8[::1], f8[::1], f8[::1], f8[::1], i8, i8, f8[:,:,::1])"
 )
 def cheapest_path(  # type: ignore[no-untyped-def]
     offset,
     motion,
+    turn,
+    place,
     tau,
     step,
     height,
@@ -213,6 +244,8 @@ def cheapest_path(  # type: ignore[no-untyped-def]
     Args:
         offset: Offset of the palm from the object, its rate and acceleration, shape (3, 3).
         motion: Position, velocity and acceleration of the object, shape (3, 3).
+        turn: Times of the extremes of its coordinates, shape (3,), in seconds.
+        place: Coordinates then, shape (3,), in metres.
         tau: Times until the meetings, shape (times,), in seconds.
         step: Time between them, in seconds.
         height: Least height over the object, in metres.
@@ -258,10 +291,13 @@ def cheapest_path(  # type: ignore[no-untyped-def]
             begun = k - _STEPS[i] if c else k
             if begun < 0 or (c == 0 and aside > sideways) or (c and j == 0 and tau[begun] > clear):
                 continue
+            up = height + RISES[j - 1] if c and j else 0.0
+            if c and turns_outside(turn, place, tau[begun], T, up, lower, upper):
+                continue
             if c == 0 or j == 0:
                 speed_share, acceleration_share = shares[k, 1, 0], shares[k, 1, 1]
             else:
-                up, down = height + RISES[j - 1], step * _STEPS[i]
+                down = step * _STEPS[i]
                 rate = max(abs(v[2] + tau[begun] * a[2]), abs(v[2] + T * a[2]))
                 speed_share = (rate + PEAK_SPEED * up / down) / speed[2]
                 acceleration_share = abs(a[2]) + PEAK_ACCELERATION * up / (down * down)
@@ -299,14 +335,15 @@ def compiled_choose_meeting(
     numbers = np.append(numbers, [settings.diffusion, variance])
     cost, passed = np.empty(NUM_TIMES), np.empty(len(CHECKS), dtype=np.int64)
     offset, motion = np.ascontiguousarray(offset), np.ascontiguousarray(motion)
-    write_possible(motion, tau, numbers, *bounds, cost, passed)
+    moving = motion, *turning_points(motion), tau
+    write_possible(*moving, numbers, *bounds, cost, passed)
     if not passed.all():
         return no_meeting(CHECKS[int(np.argmin(passed != 0))])
     place = place_of(kept, now, first, settings) or (-1, -1)
     scratch = np.empty((NUM_TIMES, 2 + _NUM_RISES, 2))
     path = step, settings.height, settings.sideways
     row, column, is_slow, least = cheapest_path(
-        offset, motion, tau, *path, *bounds, cost, *place, scratch
+        offset, *moving, *path, *bounds, cost, *place, scratch
     )
     if least > 1:
         return no_meeting(limit_of_paths(least, is_slow))

@@ -1,7 +1,7 @@
 """Interception of a moving object: when and where a palm meets it, and what prevents it."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -15,6 +15,7 @@ from drake_pregrasp.grasping.palm_paths import (
     PalmLimits,
     clear_times,
     peaks,
+    turning_points,
 )
 
 NUM_TIMES = 200
@@ -38,6 +39,12 @@ MARGIN = 0.1
 
 PERSISTENCE = 0.8
 """Share of its cost with which the present meeting is compared with others."""
+
+EXCESS = 1.1
+"""Ratio to a limit of speed or acceleration up to which a meeting that was chosen stays: estimates
+vary."""
+
+_INSTANT = 1e-6  # Duration below which rounding decides on the rates of a path, in seconds.
 
 
 class CatchLimit(IntEnum):
@@ -189,7 +196,7 @@ def choose_meeting(
     """
     first, tau = meeting_times(now, settings.step)
     prediction = _predicted(motion, tau, settings)
-    limit, possible = _possible_times(motion[2], tau, prediction, settings)
+    limit, possible = _possible_times(motion, tau, prediction, settings)
     if limit != CatchLimit.NONE:
         return no_meeting(limit)
     speed, acceleration, is_out = _paths(offset, motion, tau, prediction, settings)
@@ -203,6 +210,44 @@ def choose_meeting(
         cost[place] *= PERSISTENCE
     row, column = np.unravel_index(int(np.argmin(cost)), cost.shape)
     return meeting_at(int(row), int(column), first, settings)
+
+
+def rest_limit(
+    offset: FloatArray, motion: FloatArray, now: float, plan: Meeting, settings: MeetingSettings
+) -> CatchLimit:
+    """Returns what prevents the rest of a chosen meeting, and what follows it; NONE if nothing.
+
+    Speeds and accelerations may exceed their limits by the factor `EXCESS`.
+
+    Args:
+        offset: Offset of the palm from the object, its velocity and acceleration, shape (3, 3).
+        motion: Position, velocity and acceleration of the object, shape (3, 3).
+        now: Present time, in seconds. If it is that of the meeting, no path is left.
+        plan: Plan of the meeting.
+        settings: Settings of the interception.
+    """
+    limits = settings.limits
+    speed, acceleration = EXCESS * limits.speed, EXCESS * limits.acceleration
+    limits = replace(limits, speed=speed, acceleration=acceleration)
+    settings = replace(settings, limits=limits, earliest=0.0)
+    tau = np.array([max(0.0, plan.time - now)])
+    prediction = _predicted(motion, tau, settings)
+    limit, _ = _possible_times(motion, tau, prediction, settings)
+    if limit != CatchLimit.NONE or tau[0] < _INSTANT:
+        return limit
+    is_before = plan.over - now > _INSTANT
+    begun, height = (np.array([plan.over - now]), plan.height) if is_before else (tau, 0.0)
+    up = height * np.eye(3)[0]
+    shares = [_shares(offset[:, i], motion[:, i], begun, i, limits) for i in range(2)]
+    end = begun if height else tau
+    shares.append(_shares(offset[:, 2] - up, motion[:, 2] + up, end, 2, limits))
+    if height:
+        rates = np.abs(motion[1, 2] + np.append(begun, tau) * motion[2, 2])
+        shares.append(_descents(np.max(rates), height, tau - begun, motion[2, 2], limits))
+    slow, weak, out = np.max(shares, axis=0)[:, 0]
+    if out or _turn_outside(motion, begun, tau, limits, height)[0]:
+        return CatchLimit.REACH
+    return limit_of_paths(max(slow, weak), slow >= weak) if max(slow, weak) > 1 else limit
 
 
 def meeting_times(now: float, step: float) -> tuple[int, FloatArray]:
@@ -256,13 +301,32 @@ def place_of(
     return (row, column) if 0 <= row < NUM_TIMES else None
 
 
+def _turn_outside(
+    motion: FloatArray, begin: FloatArray, end: FloatArray, limits: PalmLimits, height: float = 0.0
+) -> BoolArray:
+    """Returns whether the object's coordinates have an extreme outside the travel, shape (...).
+
+    Args:
+        motion: Position, velocity and acceleration of the object, shape (3, 3).
+        begin: Times from which on the palm moves with it, shape (...), in seconds.
+        end: Times until which it does, shape (...), in seconds.
+        limits: Limits of the palm.
+        height: Largest height of the palm over the object in that time, in metres.
+    """
+    time, place = turning_points(motion)
+    highest = place + np.array([0.0, 0.0, height])
+    is_outside = (place < limits.lower) | (highest > limits.upper)
+    turns = (begin[..., None] < time) & (time < end[..., None])
+    return np.asarray(np.any(turns & is_outside, axis=-1))
+
+
 def _inside(points: FloatArray, limits: PalmLimits) -> BoolArray:
     inside: BoolArray = np.all((limits.lower <= points) & (points <= limits.upper), axis=1)
     return inside
 
 
 def _possible_times(
-    a: FloatArray, tau: FloatArray, prediction: _Prediction, settings: MeetingSettings
+    motion: FloatArray, tau: FloatArray, prediction: _Prediction, settings: MeetingSettings
 ) -> tuple[CatchLimit, BoolArray]:
     """Returns at which times the object itself can be met, or what prevents it at all times."""
     limits = settings.limits
@@ -271,13 +335,15 @@ def _possible_times(
     # The palm moves with the object until it has gripped it, and then comes to rest.
     gripped = np.abs(prediction.v_gripped)
     speeds = np.maximum(np.abs(prediction.v_met), gripped)
-    accelerations = np.maximum(np.abs(a), gripped / settings.stop)
+    accelerations = np.maximum(np.abs(motion[2]), gripped / settings.stop)
     checks = (
         reached,
         np.all(speeds <= limits.speed, axis=1),
         np.all(accelerations <= limits.acceleration, axis=1),
         norms(prediction.v_gripped) <= settings.stop * settings.grip,
-        _inside(prediction.p_gripped, limits) & _inside(prediction.p_stopped, limits),
+        _inside(prediction.p_gripped, limits)
+        & _inside(prediction.p_stopped, limits)
+        & ~_turn_outside(motion, tau, tau + settings.follow, limits),
     )
     for limit, holds in zip(CHECKS, checks, strict=True):
         possible &= holds
@@ -314,14 +380,14 @@ def _paths(
     begun, down = np.maximum(earlier, 0), step * DESCENTS[:, None]
     rates = np.abs(prediction.v_met[:, 2])  # The largest is at one of the ends of the descent.
     rates = np.maximum(rates[begun], rates[:, None])[:, :, None]
-    falls = (rates + PEAK_SPEED * heights / down) / limits.speed[2]
-    yields = (np.abs(motion[2, 2]) + PEAK_ACCELERATION * heights / down**2) / limits.acceleration[2]
-    stops = np.array([falls, np.broadcast_to(yields, falls.shape), np.zeros(falls.shape)])
+    stops = _descents(rates, heights, down, motion[2, 2], limits)
     passes = np.broadcast_to(direct[:, :, None, None], (*stops.shape[:3], 1))
     paths = np.concatenate([passes, stops], axis=3)
     paths[..., 1:] = np.maximum(paths[..., 1:], over[:, begun])
     paths = np.maximum(paths, sideways[:, begun][..., None])
     paths[2] = np.maximum(paths[2], (earlier < 0)[..., None])
+    with_it = tau[begun], tau[:, None], limits
+    paths[2] += np.stack([_turn_outside(motion, *with_it, h) for h in (0.0, *heights)], axis=2)
     # A palm that does not stop over the object is on its axis before it is beside the object.
     clear = clear_times(offset[:, 2], tau, settings.height)
     paths[2, :, :, 0] = np.maximum(paths[2, :, :, 0], tau[begun] > clear[:, None])
@@ -332,6 +398,23 @@ def _paths(
         [first[:, :, None], paths.reshape(3, NUM_TIMES, -1)], axis=2
     )
     return speed, acceleration, out > 0
+
+
+def _descents(
+    rate: FloatArray, height: FloatArray | float, duration: FloatArray, a: float, limits: PalmLimits
+) -> FloatArray:
+    """Returns shares of the limits of the palm's own axis on ways down to an object, as `_shares`.
+
+    Args:
+        rate: Largest speed of the object along this axis meanwhile, in m/s.
+        height: Height over the object at the start, in metres.
+        duration: Duration, in seconds.
+        a: Acceleration of the object along this axis, in m/s².
+        limits: Limits of the palm.
+    """
+    falls = (rate + PEAK_SPEED * height / duration) / limits.speed[2]
+    yields = (abs(a) + PEAK_ACCELERATION * height / duration**2) / limits.acceleration[2]
+    return np.array([falls, np.broadcast_to(yields, np.shape(falls)), np.zeros(np.shape(falls))])
 
 
 def _shares(

@@ -123,6 +123,20 @@ def moved(motion: FloatArray, t: float) -> FloatArray:
     return np.array([x + t * v + t * t / 2 * a, v + t * a, a])
 
 
+def turning_points(motion: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Returns when and where the coordinates of a motion have their extremes, shape (3,) each.
+
+    It is x - v²/(2a) at the time -v/a, which is infinite for a coordinate that has none.
+
+    Args:
+        motion: Position, velocity and constant acceleration, shape (3, 3).
+    """
+    x, v, a = motion
+    turns = a != 0
+    a = np.where(turns, a, 1.0)
+    return np.where(turns, -v / a, np.inf), x - v**2 / (2 * a)
+
+
 def quintic(start: FloatArray, t: float, duration: float) -> FloatArray:
     """Returns value, rate and acceleration of the quintic from a start to rest at zero, (3, k).
 

@@ -200,7 +200,7 @@ class DifferentialKinematics(LeafSystem):
             plant = self._hand.plant
             placed = plant.GetMyContextFromRoot(self._placed.Eval(context))
             acceleration = (v - v_last) / self._pace.period
-            for finger in np.flatnonzero(command.f_T_W.any(axis=1)):
+            for finger in np.flatnonzero(command.f_T_W.any(axis=1)).tolist():
                 acceleration[self._hand.own_joints(finger)] = 0.0  # The object stops them.
             inertial = plant.CalcMassMatrix(placed) @ acceleration
             discrete_state.set_value(self._inertial, inertial)

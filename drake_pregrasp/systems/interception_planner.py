@@ -11,7 +11,7 @@ from drake_pregrasp.arrays import FloatArray, are_valid, pack, unpacker
 from drake_pregrasp.fast.kernels import REFERENCE, HandKernels
 from drake_pregrasp.geometry.rotations import skew
 from drake_pregrasp.grasping.grasp_state import GraspPhase
-from drake_pregrasp.grasping.interception import CatchLimit, MeetingSettings
+from drake_pregrasp.grasping.interception import CatchLimit, MeetingSettings, rest_limit
 from drake_pregrasp.grasping.palm_paths import Meeting, moved
 from drake_pregrasp.systems import ports
 
@@ -59,20 +59,22 @@ class InterceptionPlanner(LeafSystem):
 
     Port `catch_certificate` emits a vector of 5, as of the last tick: the `CatchLimit` that
     prevents every meeting, then the time of the planned meeting in seconds and the place of the
-    object's centre of mass there in W, in metres, or NaN. After the approach it no longer changes.
+    object's centre of mass there in W, in metres, or NaN. Once the palm has met the object, it is
+    the limit that prevents the hand to close and to stop with it. It stays from the squeeze on.
 
     At each tick, meeting times and descents are compared (`choose_meeting`) for the palm's present
     motion and the object's predicted one. The palm then moves on a quintic to the place over the
     object, with the object's velocity and acceleration, and on another one down to it. Shortly
-    before the meeting the choice is no longer changed, and the palm moves relative to the estimate.
+    before the meeting the choice is only changed if the rest of its path exceeds a limit, as the
+    object is estimated then (`rest_limit`); and the palm moves relative to the estimate.
 
     Args:
         settings: Settings of the interception.
         R_AW: Orientation of W in the approach A of the palm, shape (3, 3).
         p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
         p_WL: Initial place of the palm's axis in W, shape (3,), in metres.
-        commitment: Seconds before the meeting from which on it is not changed; at least the time
-            until the meeting that `settings.earliest` asks for.
+        commitment: Seconds before the meeting from which on it stays while it is possible; at
+            least the time until the meeting that `settings.earliest` asks for.
         predicts: Whether the object's motion is predicted; else it counts as resting.
         period: Seconds between ticks.
         kernels: Implementation of `choose_meeting`; by default that in numpy.
@@ -147,45 +149,68 @@ class InterceptionPlanner(LeafSystem):
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         self._pose.store(context, discrete_state)
-        phase = self._report.Eval(context)[0]
-        if phase == GraspPhase.BACK_OFF:  # From where the next approach begins.
+        phase, since = self._report.Eval(context)[:2]
+        if phase == GraspPhase.APPROACH:
+            plan, limit = self._next_plan(context)
+            certificate = np.append(float(limit), np.full(4, np.nan))
+            if limit == CatchLimit.NONE:
+                there = moved(self._motion.Eval(context), plan.time - context.get_time())[0]
+                certificate[1:] = plan.time, *(there @ self._R_AW)
+        else:
             X_WG: RigidTransform = self._X_WG.Eval(context)
             away = self._R_AW @ (X_WG @ self._p_OCoM) - self._motion.Eval(context)[0]
             plan = Meeting.above(float(away[2]) if are_valid(away) else 0.0)
-            discrete_state.set_value(self._plan, pack(plan))
-        if phase != GraspPhase.APPROACH:
-            return
-        plan, limit = self._next_plan(context)
+            certificate = context.get_discrete_state(self._certificate).value().copy()
+            if phase in (GraspPhase.TRACK, GraspPhase.CLOSE):
+                closed = context.get_time() - since if phase == GraspPhase.CLOSE else 0.0
+                certificate[0] = self._limit_of_grip(context, closed)
         discrete_state.set_value(self._plan, pack(plan))
-        certificate = np.append(float(limit), np.full(4, np.nan))
-        if limit == CatchLimit.NONE:
-            there = moved(self._motion.Eval(context), plan.time - context.get_time())[0]
-            certificate[1:] = plan.time, *(there @ self._R_AW)
         discrete_state.set_value(self._certificate, certificate)
+
+    def _limit_of_grip(self, context: Context, closed: float) -> CatchLimit:
+        """Returns what prevents a hand that has met the object, and closed for a time, to stop it.
+
+        Args:
+            context: Context of the system.
+            closed: Time since it began to close, in seconds.
+        """
+        if not self._pose.eval(context).is_tracked:
+            return CatchLimit.SIGHT
+        motion, now, settings = self._motion.Eval(context), context.get_time(), self._settings
+        settings = replace(settings, follow=max(0.0, settings.follow - closed))
+        met = replace(self._meeting.Eval(context), time=now)
+        return rest_limit(np.zeros((3, 3)), motion, now, met, settings)
 
     def _next_plan(self, context: Context) -> tuple[Meeting, CatchLimit]:
         """Returns the plan from now on, and what prevents a meeting."""
         now, plan = context.get_time(), self._meeting.Eval(context)
         palm, motion = self._palm(context), self._motion.Eval(context)
-        limit = CatchLimit.SIGHT
-        if self._pose.eval(context).is_tracked:
-            limit, offset = CatchLimit.NONE, palm - motion
-            over, time, height = plan.over, plan.time, plan.height
-            if not plan.meets or time - now > max(self._commitment, self._settings.earliest):
-                variance = 0.0
-                if self._covariance.HasValue(context):
-                    variance = float(np.sum(self._covariance.Eval(context)[::4]))
-                    variance = max(0.0, variance) if np.isfinite(variance) else 0.0
-                limit, over, time, height = self._choose_meeting(
-                    offset, motion, variance, now, plan, self._settings
-                )
-        if limit != CatchLimit.NONE:
-            is_moving = plan.meets or plan.follows
-            return Meeting.stopping(palm, now, _STOP) if is_moving else plan, limit
+        if not self._pose.eval(context).is_tracked:
+            return _stopping(plan, palm, now), CatchLimit.SIGHT
+        offset, settings = palm - motion, self._settings
+        is_final = plan.meets and plan.time - now <= max(self._commitment, settings.earliest)
+        over, time, height = plan.over, plan.time, plan.height
+        if not is_final or rest_limit(offset, motion, now, plan, settings) != CatchLimit.NONE:
+            variance = 0.0
+            if self._covariance.HasValue(context):
+                variance = float(np.sum(self._covariance.Eval(context)[::4]))
+                variance = max(0.0, variance) if np.isfinite(variance) else 0.0
+            limit, over, time, height = self._choose_meeting(
+                offset, motion, variance, now, plan, settings
+            )
+            if limit != CatchLimit.NONE:
+                return _stopping(plan, palm, now), limit
+        is_same = plan.meets and np.allclose((over, time), (plan.over, plan.time))
         if over <= now:  # The palm is over the object, and goes down directly.
             over, height = time, 0.0
-        if plan.meets and (over - now < _SHORTEST or time <= now):
+        if is_same and (over - now < _SHORTEST or time <= now):
             motion = moved(motion, plan.start - now)  # Where it goes if the object is lost.
-            return replace(plan, follows=True, motion=motion), limit
+            return replace(plan, follows=True, motion=motion), CatchLimit.NONE
         plan = Meeting(now, over, time, height, offset, motion, follows=False, meets=True)
-        return plan, limit
+        return plan, CatchLimit.NONE
+
+
+def _stopping(plan: Meeting, palm: FloatArray, now: float) -> Meeting:
+    """Returns the plan of a palm that comes to rest, or rests, without a meeting."""
+    is_moving = plan.meets or plan.follows
+    return Meeting.stopping(palm, now, _STOP) if is_moving else plan

@@ -25,8 +25,16 @@ from drake_pregrasp.fast import default_kernels
 from drake_pregrasp.grasping.interception import (
     CatchLimit,
     describe_catch_limit,
+    rest_limit,
 )
-from drake_pregrasp.grasping.palm_paths import Meeting, clear_times, moved, peaks, quintic
+from drake_pregrasp.grasping.palm_paths import (
+    Meeting,
+    clear_times,
+    moved,
+    peaks,
+    quintic,
+    turning_points,
+)
 
 numbers = arrays(float, (3, 3), elements=st.floats(-2, 2))
 
@@ -125,12 +133,55 @@ def test_no_accepted_meeting_exceeds_the_limits(throws):
         assert np.all(np.abs(changes) <= settings.limits.acceleration * (1 + 1e-9))
         low, high = settings.limits.lower - 1e-9, settings.limits.upper + 1e-9
         assert np.all((low <= places) & (places <= high))
-        left, rate, _ = plan.object_at(plan.time + settings.follow)
-        assert np.all((low <= left) & (left <= high))
-        assert np.all(np.abs(rate) <= settings.limits.speed * (1 + 1e-9))
+        for t in np.linspace(plan.time, plan.time + settings.follow, 40):
+            left, rate, _ = plan.object_at(t)
+            assert np.all((low <= left) & (left <= high))
+            assert np.all(np.abs(rate) <= settings.limits.speed * (1 + 1e-9))
+        stopped = left + settings.stop / 2 * rate
+        assert np.all((low <= stopped) & (stopped <= high))
         brakes = np.abs(rate) / settings.stop
         assert np.all(brakes <= settings.limits.acceleration * (1 + 1e-9))
+        # While the object moves as predicted, the rest of the meeting keeps the limits as well.
+        for t in np.linspace(0, plan.time, 7):
+            here = plan.object_at(t)
+            assert rest_limit(plan.offset_at(t), here, t, plan, settings) == CatchLimit.NONE
     assert accepted > throws / 20
+
+
+@given(arrays(float, 3, elements=st.floats(-1, 1)), arrays(float, 3, elements=st.floats(-3, 3)))
+def test_a_motion_is_extreme_where_it_turns(x, v):
+    motion = np.array([x, v, FALL])
+    time, place = turning_points(motion)
+    assert np.all(np.isinf(time[:2]))
+    turning = moved(motion, time[2])
+    np.testing.assert_allclose(turning[:2, 2], [place[2], 0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("motion", "limit"),
+    [
+        (on_belt(0.4), CatchLimit.NONE),
+        (on_belt(0.4, y=0.02), CatchLimit.NONE),
+        (on_belt(0.4, y=0.4), CatchLimit.ACCELERATION),  # As far beside the palm as that.
+        (on_belt(1.6), CatchLimit.SPEED),
+        (on_belt(1.2), CatchLimit.ACCELERATION),  # It would be stopped by 4 m/s².
+        (on_belt(0.4, x=3.0), CatchLimit.REACH),
+        (on_belt(0.6, x=0.4), CatchLimit.TIME),
+    ],
+)
+def test_the_rest_of_a_meeting_is_checked_with_the_present_estimate(motion, limit):
+    first = on_belt(0.4)
+    plan = plan_of(chosen(first), REST, first)
+    now = plan.time - 0.3
+    palm = plan.object_at(now) + plan.offset_at(now)
+    offset = palm - moved(first, now)
+    offset[0, 1] -= motion[0, 1]
+    here = motion.copy()
+    here[0, 0] += now * 0.4
+    assert rest_limit(offset, here, now, plan, SETTINGS) == limit
+    if not limit:  # Its next estimates exceed the limits by less than a tenth.
+        slower = with_limits(speed=SETTINGS.limits.speed / 1e3)
+        assert rest_limit(offset, here, now, plan, slower) == CatchLimit.SPEED
 
 
 @pytest.mark.parametrize(

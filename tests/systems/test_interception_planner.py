@@ -107,6 +107,45 @@ def test_a_palm_waits_for_an_object_that_it_cannot_meet():
     assert np.isnan(certificates[-1, 1:]).all()
 
 
+@pytest.mark.parametrize(("velocity", "limit"), [([0.4, 2.5, 0], 3), ([1.2, 0.0, 0.0], 4)])
+def test_a_final_meeting_is_given_up_if_the_object_can_no_longer_be_met(velocity, limit):
+    belt = Belt()
+    _, approach, _ = belt.play(0.1)
+    meeting = approach[-1, 0]
+    belt.play(meeting - belt.time - 0.1)
+    before = belt.place()
+    belt.v = np.array(velocity)
+    belt.place = lambda: before + (belt.time - meeting + 0.1) * belt.v
+    _, approach, certificates = belt.play(0.4)
+    assert np.all(certificates[2:, 0] == limit)
+    assert np.isnan(certificates[2:, 1:]).all()
+    assert np.all(approach[2:, 0] == np.inf)
+    steps = np.diff(approach[:, 1:4], axis=0) / CONTROL_PERIOD
+    np.testing.assert_allclose(steps[-2:], 0, atol=1e-6)
+
+
+def test_the_certificate_is_checked_until_the_hand_grips():
+    belt = Belt()
+    _, approach, _ = belt.play(0.1)
+    meeting = approach[-1, 0]
+    belt.play(meeting - belt.time + 0.02)
+    belt.hand.fix(grasp_report=[GraspPhase.TRACK, meeting, 0, 0])
+    _, _, certificates = belt.play(0.1)
+    np.testing.assert_allclose(certificates[:, :2], np.tile([0, meeting], (5, 1)))
+    belt.v = np.array([1.6, 0.0, 0.0])
+    start = belt.time
+    belt.place = lambda: START + [0.4 * start, 0, 0] + (belt.time - start) * belt.v
+    _, _, certificates = belt.play(0.1)
+    np.testing.assert_allclose(certificates[1:, :2], np.tile([3, meeting], (4, 1)))
+    belt.hand.fix(tracking_status=[TrackingStatus.LOST])
+    _, _, certificates = belt.play(0.1)
+    assert np.all(certificates[1:, 0] == CatchLimit.SIGHT)
+    belt.hand.fix(grasp_report=[GraspPhase.SQUEEZE, meeting, 0, 0])
+    belt.hand.fix(tracking_status=[TrackingStatus.TRACKING])
+    _, _, certificates = belt.play(0.1)
+    assert np.all(certificates[1:, 0] == CatchLimit.SIGHT)  # It stays from then on.
+
+
 def test_a_hand_that_approaches_again_starts_where_it_is_and_follows_the_object_until_then():
     belt = Belt()
     belt.hand.fix(grasp_report=[GraspPhase.BACK_OFF, 0, 0, 0])
