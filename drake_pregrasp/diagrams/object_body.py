@@ -120,10 +120,10 @@ def add_object(
     AddRigidHydroelasticProperties(rigid)
     tetrahedra = MeshGeometry(mesh_data=_hull_data(hull, has_rims=slides))
     plant.RegisterCollisionGeometry(body, X_OG, tetrahedra, HULL, compliant)
-    surface = MeshGeometry(mesh_data=_mesh_data(shape.mesh))
+    surface = MeshGeometry(mesh_data=mesh_data(shape.mesh))
     plant.RegisterCollisionGeometry(body, X_OG, surface, SURFACE, rigid)
     # Drake's VTK renderer needs normals, which at edges are different for each face.
-    drawn = MeshGeometry(mesh_data=_mesh_data(shape.mesh.smooth_shaded))
+    drawn = MeshGeometry(mesh_data=mesh_data(shape.mesh.smooth_shaded))
     plant.RegisterVisualGeometry(body, X_OG, drawn, SURFACE, _COLOR)
     return body
 
@@ -139,7 +139,7 @@ def resting_position(shape: Shape) -> FloatArray:
     return position
 
 
-def _mesh_data(mesh: trimesh.Trimesh) -> InMemoryMesh:
+def mesh_data(mesh: trimesh.Trimesh) -> InMemoryMesh:
     """Returns a mesh for Drake, with normals."""
     text = mesh.export(file_type="obj", digits=_DIGITS, include_normals=True)
     return InMemoryMesh(mesh_file=MemoryFile(text, ".obj", "object.obj"))

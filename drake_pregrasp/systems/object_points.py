@@ -1,8 +1,19 @@
 """Points of the object in the pictures of depth cameras."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from pydrake.geometry import (
+    Box,
+    Capsule,
+    Convex,
+    GeometryId,
+    Role,
+    SceneGraphInspector,
+    Sphere,
+)
+from pydrake.math import RigidTransform
 from pydrake.perception import PointCloud
 from pydrake.planning import RobotDiagram
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
@@ -21,7 +32,53 @@ from drake_pregrasp.systems.ports import (
 )
 from drake_pregrasp.systems.pose_sensor import declare_seed
 
+_ROUND = (Sphere, Capsule)
+_EXACT = (*_ROUND, Box, Convex)
 _MORE = 2  # Points that are compared with the hand, over those that are kept.
+
+
+class _Links(NamedTuple):
+    """Collision geometries, each inside a box with rounded edges.
+
+    Attributes:
+        ids: Each of the k geometries G.
+        X_GB: Poses of the boxes B in G.
+        core: Half widths of the boxes without their rounding, shape (k, 3), in metres.
+        radius: Radii of the rounding, shape (k,), in metres.
+        bound: Radii of balls around the boxes, shape (k,), in metres.
+        hulls: Outward normals and heights of the faces of geometries that are convex meshes, in B,
+            by their index.
+        is_exact: Whether a geometry is its box or such a mesh, shape (k,).
+    """
+
+    ids: list[GeometryId]
+    X_GB: list[RigidTransform]
+    core: FloatArray
+    radius: FloatArray
+    bound: FloatArray
+    hulls: dict[int, tuple[FloatArray, FloatArray]]
+    is_exact: BoolArray
+
+    @staticmethod
+    def of(inspector: SceneGraphInspector) -> "_Links":
+        """Returns the collision geometries of a scene."""
+        ids = inspector.GetAllGeometryIds(Role.kProximity)
+        shapes = [inspector.GetShape(geometry) for geometry in ids]
+        boxes = [inspector.GetObbInGeometryFrame(geometry) for geometry in ids]
+        X_GB = [box.pose() for box in boxes]
+        radius = np.array([s.radius() if isinstance(s, _ROUND) else 0.0 for s in shapes])
+        core = np.array([box.half_width() for box in boxes]).reshape(-1, 3) - radius[:, None]
+        bound = np.linalg.norm(core, axis=1) + radius
+        hulls = {}
+        for index, shape in enumerate(shapes):
+            if isinstance(shape, Convex):
+                hull, R_BG = inspector.GetConvexHull(ids[index]), X_GB[index].rotation().inverse()
+                faces = range(hull.num_faces())
+                normals = np.array([R_BG @ hull.face_normal(face) for face in faces])
+                places = [X_GB[index].inverse() @ hull.element_centroid(face) for face in faces]
+                hulls[index] = normals, np.einsum("fi,fi->f", normals, np.array(places))
+        is_exact = np.array([isinstance(s, _EXACT) for s in shapes], dtype=bool)
+        return _Links(ids, X_GB, core, radius, bound, hulls, is_exact)
 
 
 class ObjectPoints(LeafSystem):
@@ -84,6 +141,7 @@ class ObjectPoints(LeafSystem):
             self._posture = declare_context(
                 self, "hand at the measured positions", hand, self._place_hand, self._hand_state
             )
+            self._links = _Links.of(hand.scene_graph().model_inspector())
         # A row for each picture that may be on its way, and for the one before: time and points.
         rows = math.ceil(config.latency / config.period) + 1
         none = np.full((rows, 1 + 3 * config.points), np.nan)
@@ -127,9 +185,8 @@ class ObjectPoints(LeafSystem):
         rng = fault_generator(seed, tick, FaultChannel.DEPTH)
         most = max(1, config.points // len(config.cameras))
         for camera, port in zip(config.cameras, self._clouds, strict=True):
-            p_WQ = points_in(port.Eval(context)) + np.array(camera.bias)
-            height = p_WQ[:, 2]
-            p_WQ = p_WQ[(height > config.table_margin) & (height < config.ceiling)]
+            heights = np.array([config.table_margin, config.ceiling]) - camera.bias[2]
+            p_WQ = points_in(port.Eval(context), heights.tolist()) + np.array(camera.bias)
             p_WQ = thinned(p_WQ, _MORE * most)
             p_WQ = thinned(p_WQ[self._is_apart(context, p_WQ)], most)
             rays = p_WQ - np.array(camera.position)
@@ -145,8 +202,26 @@ class ObjectPoints(LeafSystem):
             return np.zeros(len(p_WQ), dtype=bool)
         posture, graph = self._posture.Eval(context), self._hand.scene_graph()
         query = graph.get_query_output_port().Eval(graph.GetMyContextFromRoot(posture))
-        near, margin = query.ComputeSignedDistanceToPoint, self._config.link_margin
-        return np.array([not near(point, margin) for point in p_WQ], dtype=bool)
+        links, margin = self._links, self._config.link_margin
+        X_WB = [query.GetPoseInWorld(id) @ X for id, X in zip(links.ids, links.X_GB, strict=True)]
+        R_WB = np.array([X.rotation().matrix() for X in X_WB])
+        p_WB = np.array([X.translation() for X in X_WB])
+        # Pairs of a point and a box whose ball it is in; p_BQ² = p_WQ² - 2 p_WQ p_WB + p_WB².
+        squares = [np.einsum("ki,ki->k", p, p) for p in (p_WQ, p_WB)]
+        apart = squares[0][:, None] - 2 * p_WQ @ p_WB.T + squares[1]
+        point, box = np.nonzero(apart < (links.bound + margin) ** 2)
+        p_BQ = np.einsum("ki,kij->kj", p_WQ[point] - p_WB[box], R_WB[box])
+        beyond = np.maximum(np.abs(p_BQ) - links.core[box], 0.0)
+        is_near = np.einsum("ki,ki->k", beyond, beyond) < (links.radius[box] + margin) ** 2
+        for index, (normals, heights) in links.hulls.items():
+            inside = np.flatnonzero(is_near & (box == index))
+            is_near[inside] = (p_BQ[inside] @ normals.T - heights < margin).all(axis=1)
+        is_apart = np.ones(len(p_WQ), dtype=bool)
+        is_apart[point[is_near & links.is_exact[box]]] = False
+        for index in set(point[is_near]):
+            if is_apart[index]:
+                is_apart[index] = not query.ComputeSignedDistanceToPoint(p_WQ[index], margin)
+        return is_apart
 
     def _place_hand(self, context: Context, posture: Context) -> None:
         assert self._hand is not None

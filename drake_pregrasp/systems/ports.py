@@ -264,9 +264,16 @@ def validated_velocity(V: SpatialVelocity) -> FloatArray:
     return validated_rates(V.get_coeffs()).reshape(2, 3)
 
 
-def points_in(cloud: PointCloud) -> FloatArray:
-    """Returns the points of a cloud that are finite and within `FARTHEST`, shape (N, 3)."""
-    points: FloatArray = np.asarray(cloud.xyzs().T, dtype=float)
+def points_in(cloud: PointCloud, heights: Sequence[float] = (-FARTHEST, FARTHEST)) -> FloatArray:
+    """Returns the points of a cloud that are finite and within `FARTHEST`, shape (N, 3).
+
+    Args:
+        cloud: The cloud.
+        heights: Two heights, in metres, between which points count.
+    """
+    xyzs = cloud.xyzs()
+    is_between = (xyzs[2] > heights[0]) & (xyzs[2] < heights[1])  # False for NaN.
+    points: FloatArray = np.asarray(xyzs[:, is_between].T, dtype=float)
     return points[are_valid_points(points)]
 
 

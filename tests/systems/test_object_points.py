@@ -7,7 +7,11 @@ import pytest
 import trimesh
 from driven import Driven
 from made_systems import cloud
+from pydrake.geometry import Sphere
 from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.tree import SpatialInertia
+from pydrake.planning import RobotDiagramBuilder
+from pydrake.systems.analysis import Simulator
 
 import drake_pregrasp as dp
 from drake_pregrasp.geometry.mesh_solid import MeshSolid
@@ -93,6 +97,52 @@ def test_points_near_links_at_the_measured_positions_are_left_out():
         system = dp.ObjectPoints(CONFIG, hand=hand.diagram)
         found = points_of(system, camera_0=cloud(seen), hand_state=state)
         np.testing.assert_allclose(found, seen[list(kept)], atol=1e-6)
+
+
+def test_exactly_the_points_within_the_margin_of_links_are_left_out():
+    hand = dp.HandModel(dp.load_hand("package://drake_pregrasp/five_finger_hand.yaml"))
+    q = hand.home(np.array([0.0, 0.0, 0.05]), 0.3)
+    diagram, margin = hand.diagram, CONFIG.link_margin
+    context = diagram.CreateDefaultContext()
+    diagram.plant().SetPositions(diagram.mutable_plant_context(context), q)
+    graph = diagram.scene_graph()
+    query = graph.get_query_output_port().Eval(diagram.scene_graph_context(context))
+    around = hand.tips_at(q).repeat(60, axis=0)
+    seen = around + np.random.default_rng(1).uniform(-0.02, 0.02, around.shape)
+    seen = seen.astype(np.float32).astype(float)
+    apart = [not query.ComputeSignedDistanceToPoint(point, margin) for point in seen]
+    assert 30 < sum(apart) < len(seen) - 30
+    many = replace(CONFIG, points=len(seen), table_margin=-1.0)
+    system = dp.ObjectPoints(many, hand=diagram)
+    found = points_of(system, camera_0=cloud(seen), hand_state=np.append(q, np.zeros(len(q))))
+    np.testing.assert_allclose(found, seen[apart], atol=1e-6)
+
+
+def test_cameras_see_a_moving_ball_where_it_is():
+    """The copy of the scene follows it, and its facets are within a millimetre."""
+    radius, p_WB = 0.04, np.array([0.02, -0.03, 0.05])
+    builder = RobotDiagramBuilder(time_step=0.01)
+    plant, red = builder.plant(), np.array([1.0, 0.0, 0.0, 1.0])
+    body = plant.AddRigidBody("ball", SpatialInertia.SolidSphereWithMass(1.0, radius))
+    plant.RegisterVisualGeometry(body, RigidTransform(), Sphere(radius), "ball", red)
+    plant.Finalize()
+    graph, config = builder.scene_graph(), replace(CONFIG, points=1000, period=0.05)
+    sensor = builder.builder().AddNamedSystem("sensor", dp.DepthSensor(config, graph))
+    builder.builder().Connect(graph.get_query_output_port(), sensor.GetInputPort("query_object"))
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    context = diagram.mutable_plant_context(simulator.get_mutable_context())
+    plant.SetFreeBodyPose(context, body, RigidTransform(p_WB))
+    plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
+    simulator.AdvanceTo(0.3)
+    points = points_in(
+        sensor.GetOutputPort("point_cloud").Eval(
+            sensor.GetMyContextFromRoot(simulator.get_context())
+        )
+    )
+    distances = np.linalg.norm(points - p_WB, axis=1) - radius
+    assert len(points) > 300
+    assert np.abs(distances).max() < 1e-3
 
 
 def seen_at(X_WO, seed=0, count=200):
