@@ -65,9 +65,13 @@ class Contacts:
         """
         touches = self.touches
         a = touches.p_WQ - p_WCoM
-        distances, gradients = self._distances(a @ R_WO + self.p_OCoM)
-        e, n, std = distances - touches.radius, gradients @ R_WO.T, touches.std
-        counts = ~(touches.is_bound & (e > 0))
+        p_OT = a @ R_WO + self.p_OCoM
+        distances, gradients = self.solid.surface.at(p_OT)
+        near = ~touches.is_bound | (distances < touches.radius + _NEAR)
+        distances, gradients = self._refined(p_OT[near], distances[near], gradients[near])
+        a, e = a[near], distances - touches.radius[near]
+        n, std = gradients @ R_WO.T, touches.std[near]
+        counts = ~(touches.is_bound[near] & (e > 0))
         a, e, n, std = a[counts], e[counts], n[counts], std[counts]
         if self.rests:
             corners = (self.solid.corners - self.p_OCoM) @ R_WO.T
@@ -76,13 +80,16 @@ class Contacts:
             e, std = np.append(e, p_WCoM[2] + lowest[2]), np.append(std, self.std)
         return e, np.hstack([np.cross(n, a), -n]), std
 
-    def _distances(self, p_OT: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _refined(
+        self, p_OT: FloatArray, distances: FloatArray, gradients: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         """Returns signed distances and unit gradients at fingertips, shape (m, 3).
 
         Gradients are coarse outside the grid, where a large fingertip has its centre, so they are
         evaluated on the way to the surface. There the distance is shorter by this way.
         """
-        distances, gradients = self.solid.surface.at(p_OT)
+        if not len(p_OT):
+            return distances, gradients
         nearer = p_OT - np.maximum(0.0, distances - _NEAR)[:, None] * gradients
         distances, gradients = self.solid.surface.at(nearer)
         return distances + np.einsum("ki,ki->k", p_OT - nearer, gradients), gradients

@@ -92,9 +92,8 @@ class DistanceGrid:
         The places are shares of the cells, shape (k, 3).
         """
         place = (p_MP - self.low) / self.cell
-        within = np.minimum(np.maximum(place, 0.0), self.counts - 1.0)
+        within = np.minimum(np.fmax(place, 0.0), self.counts - 1.0)  # 0 for NaN.
         is_beyond = ~(np.abs(within - place).max(axis=1, initial=0.0) <= TIE / self.cell)
-        np.nan_to_num(within, copy=False)
         first = np.minimum(within.astype(np.int64), self.counts - 2)
         return first, within - first, is_beyond
 
