@@ -240,7 +240,8 @@ class PoseEstimator(LeafSystem):
         self._track = track = measured
         if self._seen_object is not None:
             words = "the same track after the contacts of that tick"
-            sources = (state, time, measured, self._V_WO_held, *self._tips)
+            tips = self._tips if self._config.touch else []
+            sources = (state, time, measured, self._V_WO_held, *tips)
             self._track = track = cache(words, model, self._calc_felt, *sources)
         words = "status, and mean of the prediction for the Context's time"
         first = _Estimate(TrackingStatus.WAITING, no_belief())
@@ -254,7 +255,8 @@ class PoseEstimator(LeafSystem):
         output("time_since_measurement", 1, self._calc_age, time, measured)
         output("measurement_verdict", 1, lambda c: measured.Eval(c)[0].verdict.value, measured)
         output("innovation_squared", 2, lambda c: measured.Eval(c)[0].innovation_squared, measured)
-        output("camera_offset", 12, self._calc_offset, track)
+        offset_source = track if self._config.bias_std else self.nothing_ticket()
+        output("camera_offset", 12, self._calc_offset, offset_source)
 
     def _calc_track(self, context: Context) -> tuple[PoseTrack, PoseBelief]:
         time = context.get_time()
@@ -365,9 +367,9 @@ class PoseEstimator(LeafSystem):
         return RigidTransform(RotationMatrix.ProjectToRotationMatrix(R_WO), p_WO)
 
     def _calc_offset(self, context: Context) -> FloatArray:
-        _, belief = self._track.Eval(context)
-        if not belief.b_W.size:
+        if not self._config.bias_std:
             return np.zeros(12)
+        _, belief = self._track.Eval(context)
         return np.concatenate([belief.b_W, belief.P[0, 12:, 12:]], axis=None)
 
     def _touching(self, context: Context) -> SurfacePoints:

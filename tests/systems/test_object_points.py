@@ -194,6 +194,26 @@ def test_touches_correct_what_a_camera_with_a_wrong_place_shows():
         np.testing.assert_allclose(stds > 0.003, np.abs(left) > 0)
 
 
+def test_fingertips_feed_through_only_where_they_count():
+    """Those that the filter ignores would otherwise close loops with a user's hand."""
+    fed = {}
+    for touch, bias_std in ((False, 0.005), (True, 0.005), (True, 0.0)):
+        config = dp.EstimatorConfig(touch=touch, bias_std=bias_std)
+        radii = np.full(3, 0.009)
+        system = dp.PoseEstimator(config, period=0.05, object_solid=SOLID, tip_radii=radii)
+        force = system.GetInputPort("f_T_W").get_index()
+        fed[touch, bias_std] = {
+            port.get_name()
+            for port in map(system.get_output_port, range(system.num_output_ports()))
+            if system.HasDirectFeedthrough(force, port.get_index())
+        }
+    assert not fed[False, 0.005]
+    assert fed[True, 0.0] == {
+        "X_WO_estimated", "V_WO_estimated", "p_WO_covariance", "tracking_status"
+    }  # fmt: skip
+    assert fed[True, 0.005] == fed[True, 0.0] | {"camera_offset"}
+
+
 def test_points_need_the_object():
     estimator = Driven(dp.PoseEstimator(period=0.05), point_cloud=cloud(seen_at(RigidTransform())))
     with pytest.raises(dp.InvalidArgumentError, match="object_solid"):
