@@ -98,9 +98,9 @@ class FingerChain:
     def samples(self) -> FloatArray:
         """Returns evenly spread positions of the joints, shape (m, k).
 
-        Row m is the fractional part of m (1/g, 1/g², ..., 1/gᵏ) over the ranges of the joints, where
-        g is the root of x^(k + 1) = x + 1, the golden ratio for k = 1 (Roberts, 2018). Unlike the
-        sequences of `scipy.stats`, it needs no import of half a second.
+        Row m is the fractional part of m (1/g, 1/g², ..., 1/gᵏ) over the ranges of the joints. The
+        root g of x^(k + 1) = x + 1 is the golden ratio for k = 1 (Roberts, 2018). Unlike the
+        sequences of `scipy.stats`, this needs no import of half a second.
         """
         k, g = len(self.home), 1.0
         for _ in range(_ROUNDS):
