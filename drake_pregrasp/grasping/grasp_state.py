@@ -305,20 +305,22 @@ class GraspState:
         return self.active & self.touched
 
     def force_limits(self, touch_force: float) -> FloatArray:
-        """Returns the largest force of each finger, shape (n,), in newtons.
+        """Returns the largest horizontal and vertical force of each finger, in N, shape (n, 2).
 
         Until the squeeze is complete, and while a hand that has not gripped backs off, fingers
-        press with at most half the touch force more than they should.
+        press with at most half the touch force more than they should. Without a touch, their
+        vertical forces are those of the motion, and not limited.
 
         Args:
             touch_force: Least normal force that counts as touch.
         """
         has_let_go = self.phase == GraspPhase.BACK_OFF and np.isinf(self.gripped)
         if self.phase not in (GraspPhase.CLOSE, GraspPhase.SQUEEZE) and not has_let_go:
-            return np.full(len(self.active), NO_LIMIT)
+            return np.full((len(self.active), 2), NO_LIMIT)
         planned = self.applied_share(touch_force) * norms(self.internal)
         limits = np.maximum(planned + (GENTLE - 1) * touch_force, GENTLE * touch_force)
-        return np.where(self.active, limits, NO_LIMIT)
+        is_limited = self.active[:, None] & np.stack([self.active, self.touched], axis=1)
+        return np.where(is_limited, limits[:, None], NO_LIMIT)
 
     def applied_share(self, touch_force: float) -> float:
         """Returns the share of the planned forces with which fingers press.

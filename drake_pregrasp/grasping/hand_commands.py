@@ -23,8 +23,8 @@ class GraspCommand:
             values press.
         fingers_hold: Whether each finger holds its contact, or closes on it, shape (n,).
         f_T_W: Forces that the fingertips should press with, in W, shape (n, 3), in newtons.
-        force_limits: Largest force of each fingertip, shape (n,), in newtons;
-            `NO_LIMIT` for none.
+        force_limits: Largest horizontal and vertical force of each fingertip, shape (n, 2), in
+            newtons; `NO_LIMIT` for none.
     """
 
     R_WO: FloatArray

@@ -150,7 +150,7 @@ class DifferentialKinematics(LeafSystem):
         start = np.concatenate([[0.0], initial, np.zeros(2 * nq)])
         self._reference = self.DeclareDiscreteState(start)
         # Torques for the forces of the fingertips, and the limits of these forces.
-        self._pressing = self.DeclareDiscreteState(np.repeat([0.0, NO_LIMIT], [nq, n]))
+        self._pressing = self.DeclareDiscreteState(np.repeat([0.0, NO_LIMIT], [nq, 2 * n]))
         self._blocked = self.DeclareDiscreteState([float(NOT_BLOCKED)])
         self._inertial = self.DeclareDiscreteState(nq)
         any_value = AbstractValue.Make(object())
@@ -206,7 +206,9 @@ class DifferentialKinematics(LeafSystem):
             discrete_state.set_value(self._inertial, inertial)
         reference = np.concatenate([[context.get_time()], q, v, v_last])
         discrete_state.set_value(self._reference, reference)
-        discrete_state.set_value(self._pressing, np.concatenate([torques, command.force_limits]))
+        discrete_state.set_value(
+            self._pressing, np.concatenate([torques, command.force_limits.ravel()])
+        )
         discrete_state.set_value(self._blocked, [float(blocked)])
 
     def _next_velocity(
@@ -247,7 +249,7 @@ class DifferentialKinematics(LeafSystem):
     def _calc_desired(self, context: Context) -> FloatArray:
         elapsed, q, v, v_last = self._moved(context)
         pressing = context.get_discrete_state(self._pressing).value()
-        torques, limits = pressing[: len(q)], pressing[len(q) :]
+        torques, limits = pressing[: len(q)], pressing[len(q) :].reshape(-1, 2)
         is_free = np.where(v > 0, q < self._hand.upper, q > self._hand.lower)
         inertial = context.get_discrete_state(self._inertial).value()
         q, v = q + (torques + inertial) / self._hand.stiffness, v * is_free

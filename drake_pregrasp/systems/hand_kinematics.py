@@ -100,10 +100,13 @@ class HandKinematics:
         Args:
             J_WT: Jacobians of the fingertips' velocities, shape (n, 3, nq).
             torques: Torques of all joints, shape (nq,), in N m.
-            limits: Largest force of each fingertip, shape (n,), in newtons.
+            limits: Largest horizontal and vertical force of each fingertip, shape (n, 2), in
+                newtons.
         """
         forces = self.tip_forces(J_WT, torques)
-        excess = forces * np.maximum(0.0, 1 - limits / np.maximum(norms(forces), 1e-9))[:, None]
+        sizes = np.stack([norms(forces[:, :2]), np.abs(forces[:, 2])], axis=1)
+        shares = np.maximum(0.0, 1 - limits / np.maximum(sizes, 1e-9))
+        excess = forces * shares[:, [0, 0, 1]]
         own = (J_WT * self._is_own[:, None]).reshape(-1, len(torques))
         return np.asarray(torques - excess.ravel() @ own)
 

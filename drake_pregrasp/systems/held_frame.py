@@ -135,11 +135,13 @@ class HeldFrame:
             return now
         k = self._held.stiffness[on]
         push = k @ (p_WT[on] - now.p_WG - p_GT[on] @ now.R_WG.T)
-        # Fingers whose forces are limited are far from their goals without a push.
+        # Fingers whose forces are limited are moved by other fingers, too. Such a shift may slow G
+        # down, but G is pushed on only where fingers press less along the push than they should.
         f_T_W = validated_numbers(self._f_T_W.Eval(context)).reshape(-1, 3)
-        felt = np.sum((f_T_W - state.planned_forces(0.0, settings) @ now.R_WG.T)[on], axis=0)
-        if np.all(np.isfinite(felt)):
-            push *= min(1.0, np.linalg.norm(felt) / max(float(np.linalg.norm(push)), 1e-12))
+        lacking = state.planned_forces(0.0, settings) @ now.R_WG.T - f_T_W
+        felt = np.sum(lacking[on], axis=0) @ push / max(float(np.linalg.norm(push)), 1e-12)
+        if np.isfinite(felt) and push @ (now.V_WG[1] - now.V_WB[1]) >= 0:
+            push *= min(1.0, max(0.0, 2 * float(felt) / settings.touch_force))
         return now.yielding(push, np.sum(k), self._held.friction, time - last.time, self._period)
 
     def _calc_near(self, context: Context) -> HeldMotion:

@@ -472,7 +472,9 @@ def test_forces_are_limited_to_little_more_than_planned_until_the_squeeze_is_com
         assert np.all(limits == NO_LIMIT)
         return
     assert closes == np.all(later[~FEW] < NO_LIMIT)  # What was gripped is set down with full force.
-    wanted = np.linalg.norm(state.planned_forces(0.0, SETTINGS), axis=1)[~FEW]
-    np.testing.assert_allclose(limits[~FEW], wanted + 0.5 * least)
+    wanted = np.linalg.norm(state.planned_forces(0.0, SETTINGS), axis=1)[~FEW, None]
+    np.testing.assert_allclose(limits[~FEW], np.tile(wanted + 0.5 * least, 2))
     touching = replace(state, share=0.0, forces=NOTHING, internal=NOTHING)
     np.testing.assert_allclose(touching.force_limits(least)[~FEW], 1.5 * least)
+    free = replace(touching, touched=~ALL).force_limits(least)
+    np.testing.assert_allclose(free[~FEW], np.tile([1.5 * least, NO_LIMIT], (3, 1)))

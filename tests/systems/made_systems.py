@@ -143,7 +143,7 @@ def grasp_command(X_WO=None, X_WG=None, V_WO=None, V_WG=None, **changes):
         "standoffs": np.full(N, dp.GraspConfig().standoff),
         "fingers_hold": np.zeros(N, dtype=bool),
         "f_T_W": np.zeros((N, 3)),
-        "force_limits": np.full(N, NO_LIMIT),
+        "force_limits": np.full((N, 2), NO_LIMIT),
     }
     return GraspCommand(**(fields | changes))
 
