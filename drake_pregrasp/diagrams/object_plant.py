@@ -122,18 +122,8 @@ def add_moving_object(
         plant, scene_graph = AddMultibodyPlant(plant_config, builder)
     else:
         plant, scene_graph = _modelled_plant(builder, plant_config)
-    drives: dict[str, tuple[ModelInstanceIndex, ObjectMotion]] = {}
     body = add_object(plant, shape, mass, friction=friction, slides=isinstance(motion, Toss))
-    if isinstance(motion, Conveyor):
-        table, begin = add_model(plant, "conveyor_table.sdf"), motion.position[0]
-        plant.GetJointByName("slide", table).set_default_translation(begin)
-        profile = VelocityProfile(motion.velocities())
-        drives["object_motion"] = table, ObjectMotion(profile, begin)
-    elif isinstance(motion, Push):
-        profile = VelocityProfile(push_profile(motion, RETREAT if add_more else 0.0))
-        drives["object_motion"] = _add_pusher(plant, motion), ObjectMotion(profile)
-    elif motion.table:
-        add_model(plant, "table.sdf")
+    drives = _add_drives(plant, motion, retreat=RETREAT if add_more else 0.0)
     moving = add_obstacle_bodies(plant, scene_graph, obstacles, body)
     for index, (instance, speed) in enumerate(moving):
         profile = VelocityProfile([[0.0, speed]])
@@ -163,6 +153,23 @@ def add_moving_object(
     pose = builder.AddNamedSystem("object_pose", body_pose)
     builder.Connect(dynamics.get_body_poses_output_port(), pose.get_input_port())
     return MovingObject(plant, scene_graph, pose.get_output_port(), dynamics)
+
+
+def _add_drives(
+    plant: MultibodyPlant, motion: Conveyor | Push | Toss, *, retreat: float
+) -> dict[str, tuple[ModelInstanceIndex, ObjectMotion]]:
+    """Adds what carries or pushes the object; returns its model and its motion, by system name."""
+    if isinstance(motion, Conveyor):
+        table, begin = add_model(plant, "conveyor_table.sdf"), motion.position[0]
+        plant.GetJointByName("slide", table).set_default_translation(begin)
+        profile = VelocityProfile(motion.velocities())
+        return {"object_motion": (table, ObjectMotion(profile, begin))}
+    if isinstance(motion, Push):
+        profile = VelocityProfile(push_profile(motion, retreat))
+        return {"object_motion": (_add_pusher(plant, motion), ObjectMotion(profile))}
+    if motion.table:
+        add_model(plant, "table.sdf")
+    return {}
 
 
 def _modelled_plant(
