@@ -2,13 +2,13 @@
 
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.geometry import GeometryId, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
+from pydrake.multibody.tree import Joint, ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import DiagramBuilder, System
 
 from drake_pregrasp.arrays import FloatArray
@@ -46,8 +46,6 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.mesh_solid import MeshSolid
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.systems.hand_kinematics import hand_links
-from drake_pregrasp.systems.hand_scene import separate_fingers
 from drake_pregrasp.systems.sources import ContactWeights, MovingObstacles, MovingSolid
 
 
@@ -220,18 +218,21 @@ def AddHandController(
     """
     config = config or GraspConfig()
     check_plant(builder, plant, scene_graph, body)
-    grasp = {"mass": mass, "X_WO": X_WO, "p_OC": p_OC, "fixed": fixed}
-    check_grasp_arguments(hand, surface, planner, config, **grasp)
+    check_grasp_arguments(
+        hand, surface, planner, config, mass=mass, X_WO=X_WO, p_OC=p_OC, fixed=fixed
+    )
     instances = HandInstances(plant, robot)
     for key, problem in start_grasp.grasp_problems(
         config, planner, hand, mass=mass, time_step=plant.time_step()
     ):
         raise InvalidArgumentError(f"{key}: {problem}")
-    grasp["solid"] = solid = object_solid or MeshSolid.of(surface.mesh)
+    solid = object_solid or MeshSolid.of(surface.mesh)
     # Whoever added the robot to the plant has seen warnings about its model.
     upright = HandModel(hand, config.yaw_range, model=read_model(hand.model))
     X_WB = base_pose(upright, instances)
-    model, start = _best_approach(upright, surface, planner, config, X_WB=X_WB, **grasp)
+    model, start = _best_approach(
+        upright, surface, planner, config, solid, mass, fixed, p_OC, X_WO=X_WO, X_WB=X_WB
+    )
     planner = start_grasp.hand_planner(planner, config, model.description)
     start_grasp.check_room(model.description, start.has_contact)
     check_torques(model, config, surface, start, X_WO, mass)
@@ -256,19 +257,25 @@ def AddHandController(
         ),
     )
     if scene_graph is not None:
-        tips = [instances.frame(tip.frame, "fingertips") for tip in hand.fingertips]
-        inspector = scene_graph.model_inspector()
-        links = hand_links(plant, tips, model.tip_radii, inspector)
-        separate_fingers(scene_graph.collision_filter_manager(), links)
-        tip_geometries = [geometry for geometry, link in links.items() if link.is_tip]
-        _prepare_contact(plant, scene_graph, body, tip_geometries, surface)
-    joints = matching_joints(model, instances)
-    set_default_positions(joints, added.controller.initial)
-    desired, *measured = hand_ports(builder, plant, joints)
-    builder.Connect(added.controller.GetOutputPort("desired_state"), desired)
-    for port, name in zip(measured, ("hand_state", "net_actuation"), strict=True):
-        builder.Connect(port, added.controller.GetInputPort(name))
+        links = model.separate_links(instances, scene_graph)
+        tips = [geometry for geometry, link in links.items() if link.is_tip]
+        _prepare_contact(plant, scene_graph, body, tips, surface)
+    _connect_joints(builder, plant, matching_joints(model, instances), added.controller)
     return added
+
+
+def _connect_joints(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    joints: Sequence[Joint],
+    controller: HandController,
+) -> None:
+    """Starts a hand at the initial positions of its controller, and connects the two."""
+    set_default_positions(joints, controller.initial)
+    desired, state, actuation = hand_ports(builder, plant, joints)
+    builder.Connect(controller.GetOutputPort("desired_state"), desired)
+    builder.Connect(state, controller.GetInputPort("hand_state"))
+    builder.Connect(actuation, controller.GetInputPort("net_actuation"))
 
 
 def _prepare_contact(
@@ -325,11 +332,13 @@ def choose_approach(
             match, or the hand has the orientation of none of the approaches.
     """
     config = config or GraspConfig()
-    grasp = {"mass": mass, "X_WO": X_WO, "p_OC": p_OC, "fixed": fixed}
-    check_grasp_arguments(hand, surface, planner, config, **grasp)
-    grasp["solid"] = object_solid or MeshSolid.of(surface.mesh)
-    upright = HandModel(hand, config.yaw_range)
-    return _best_approach(upright, surface, planner, config, X_WB=X_WB, **grasp)
+    check_grasp_arguments(
+        hand, surface, planner, config, mass=mass, X_WO=X_WO, p_OC=p_OC, fixed=fixed
+    )
+    upright, solid = HandModel(hand, config.yaw_range), object_solid or MeshSolid.of(surface.mesh)
+    return _best_approach(
+        upright, surface, planner, config, solid, mass, fixed, p_OC, X_WO=X_WO, X_WB=X_WB
+    )
 
 
 def _best_approach(
@@ -337,11 +346,13 @@ def _best_approach(
     surface: ObjectSurface,
     planner: PlannerConfig,
     config: GraspConfig,
-    *,
-    X_WB: RigidTransform | None,
-    X_WO: RigidTransform,
+    solid: SignedDistance,
+    mass: float,
     fixed: Sequence[Solid],
-    **grasp: Any,
+    p_OC: FloatArray | None,
+    *,
+    X_WO: RigidTransform,
+    X_WB: RigidTransform | None,
 ) -> Approach:
     hand, source = upright.description, upright.model
     R_WO, hands, table = X_WO.rotation().matrix(), [], table_height(fixed)
@@ -359,7 +370,15 @@ def _best_approach(
     return best_approach(
         hands,
         lambda model: start_grasp.start_contacts_of(
-            model, config, planner, surface, X_WO=X_WO, fixed=fixed, **grasp
+            model,
+            config,
+            planner,
+            surface,
+            solid=solid,
+            mass=mass,
+            X_WO=X_WO,
+            fixed=fixed,
+            p_OC=p_OC,
         ),
     )
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
+from pydrake.geometry import GeometryId, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
@@ -26,8 +27,8 @@ from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import BASE
 from drake_pregrasp.regions.finger_measures import FingerChain, FingerMeasures
-from drake_pregrasp.systems.hand_kinematics import HandKinematics, hand_links
-from drake_pregrasp.systems.hand_scene import HandScene, link_balls
+from drake_pregrasp.systems.hand_kinematics import HandKinematics, HandLink, hand_links
+from drake_pregrasp.systems.hand_scene import HandScene, link_balls, separate_fingers
 from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 
 _TWO_TURNS = 4 * np.pi
@@ -312,6 +313,24 @@ class HandModel:
                 found.append(np.column_stack([p_AB.T, radii]))
         balls = np.concatenate(found)
         return balls[:, :3], balls[:, 3]
+
+    def separate_links(
+        self, instances: HandInstances, scene_graph: SceneGraph
+    ) -> dict[GeometryId, HandLink]:
+        """Lets fingers of a hand in a finalized plant collide as `separate_fingers` says.
+
+        Args:
+            instances: The hand in the plant.
+            scene_graph: SceneGraph of the plant.
+
+        Returns:
+            Collision geometries of the hand's links.
+        """
+        tips = [instances.frame(tip.frame, "fingertips") for tip in self.description.fingertips]
+        inspector = scene_graph.model_inspector()
+        links = hand_links(instances.plant, tips, self.tip_radii, inspector)
+        separate_fingers(scene_graph.collision_filter_manager(), links)
+        return links
 
     def tips_at(self, q: FloatArray) -> FloatArray:
         """Returns the fingertips' centres in W at positions q, shape (n, 3), in metres."""

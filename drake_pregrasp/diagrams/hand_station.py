@@ -19,8 +19,7 @@ from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.object_plant import DRAKE, add_moving_object
 from drake_pregrasp.diagrams.wiring import connect, export_inputs
 from drake_pregrasp.geometry.shapes import Shape
-from drake_pregrasp.systems.hand_kinematics import HandLink, hand_links
-from drake_pregrasp.systems.hand_scene import separate_fingers
+from drake_pregrasp.systems.hand_kinematics import HandLink
 from drake_pregrasp.systems.link_contacts import LinkContacts
 from drake_pregrasp.systems.mujoco_plant import MujocoPlant
 from drake_pregrasp.systems.sources import BodyPose, MovingSolid
@@ -112,9 +111,7 @@ class HandStation(Diagram):
             instances = HandInstances(plant, models)
             joints.extend(instances.moving_joints())
             set_default_positions(joints, initial)
-            tips = [instances.frame(tip.frame, "fingertips") for tip in hand.description.fingertips]
-            links.update(hand_links(plant, tips, hand.tip_radii, scene_graph.model_inspector()))
-            separate_fingers(scene_graph.collision_filter_manager(), links)
+            links.update(hand.separate_links(instances, scene_graph))
 
         self.plant, self.scene_graph, X_WO, self.dynamics = add_moving_object(
             builder,

@@ -22,8 +22,6 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.convex_pieces import convex_pieces
 from drake_pregrasp.simulation.grasp_export import POSTURES
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
-from drake_pregrasp.systems.hand_kinematics import hand_links
-from drake_pregrasp.systems.hand_scene import separate_fingers
 from drake_pregrasp.systems.mujoco_model import MujocoModel, import_mujoco, mujoco_model
 
 MASS = 0.1
@@ -100,10 +98,8 @@ def _model(resolved: ResolvedScenario, X_WO: RigidTransform) -> tuple[MujocoMode
     models = hand.add_to(plant)
     plant.Finalize()
     instances, inspector = HandInstances(plant, models), scene_graph.model_inspector()
-    tips = [instances.frame(tip.frame, "fingertips") for tip in hand.description.fingertips]
     separate_contacts(plant, scene_graph, body, is_convex=mesh.is_convex)
-    links = hand_links(plant, tips, list(hand.tip_radii), inspector)
-    separate_fingers(scene_graph.collision_filter_manager(), links)
+    hand.separate_links(instances, scene_graph)
     plant.SetDefaultFloatingBaseBodyPose(body, X_WO)
     _, surface = plant.GetCollisionGeometriesForBody(body)
     own = mujoco_model(plant, inspector, {surface: convex_pieces(mesh)})
