@@ -34,10 +34,14 @@ class HandOverObject:
         workspace_gaps: Function from a yaw, centres of each fingertip in O, shape (n, k, 3), and
             the largest gap that is sought, to the distances from what its joints reach, shape
             (n, k), in metres; 0 where they reach, and inf beyond the largest gap.
+        link_gaps: Function from a yaw, the index of a finger, and centres of its tip in O, shape
+            (k, 3), to the gaps of its links to the object, shape (k,), in metres.
         patch_radii: Radii of the patches of soft fingertips, and 0 for hard ones, shape (n,), in
             metres; None if all are hard.
         pairs: Pairs of contacts that must be opposite each other.
         opening: Largest distance of such contacts, in metres.
+        avoids_links: Whether contacts are left out at which links of the finger are inside of the
+            object: it takes time to find them all, and they are rarely chosen.
         clearance_weight: Factor of the costs of places at the edge of reach, and under parts of the
             object.
     """
@@ -58,9 +62,13 @@ class HandOverObject:
     workspace_gaps: Callable[[float, FloatArray, float], FloatArray] = lambda yaw, p_OT, largest: (
         np.zeros(p_OT.shape[:2])
     )
+    link_gaps: Callable[[float, int, FloatArray], FloatArray] = lambda yaw, finger, p_OT: np.full(
+        len(p_OT), np.inf
+    )
     patch_radii: FloatArray | None = None
     pairs: tuple[Pair, ...] = ()
     opening: float = np.inf
+    avoids_links: bool = False
     clearance_weight: float = 1.0
 
 

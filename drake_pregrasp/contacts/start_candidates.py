@@ -27,6 +27,8 @@ AWAY = -1
 TIE = 1e-6
 """Difference of compared costs and gains that rounding can make: it must not choose."""
 
+_SLACK = 0.006  # Depth of links in the object that other positions of a finger can avoid, in m.
+
 # Costs in units of the force-closure margin:
 _COMFORT = 0.2  # Cost of fingertips that are the hand's radius away from their homes.
 _FLAT = 2.0  # Cost of contacts with a mean slope of 1 around them.
@@ -107,7 +109,15 @@ class StartCandidates:
             beyond = self._hand.workspace_gaps(yaw, centres, 0.0) > 0
             limits[beyond & (limits != Limit.FORBIDDEN)] = Limit.REACH
         limits[(self._spare < 0) & (limits == Limit.NONE)] = Limit.WALL
+        for finger in range(self._n) if self._hand.avoids_links else ():
+            free = np.flatnonzero(limits[finger] == Limit.NONE)
+            limits[finger, free[~self.has_clear_links(yaw, finger, free)]] = Limit.WALL
         return limits
+
+    def has_clear_links(self, yaw: float, finger: int, candidates: IntArray) -> BoolArray:
+        """Returns whether a finger at candidates keeps its links out of the object, shape (k,)."""
+        gaps = self._hand.link_gaps(yaw, finger, self._ways[0][finger, candidates])
+        return gaps >= -_SLACK
 
     def reach_gaps_at(self, yaw: float) -> FloatArray:
         """Returns by how much each finger misses the nearest candidate on a side that it may touch.

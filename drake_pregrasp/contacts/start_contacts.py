@@ -46,7 +46,8 @@ def choose_start_contacts(
     others. For the best yaws the palm turns with the contacts until they are in reach there, and
     the exact margins decide. A finger stays away if it has no room or lowers the margin. Places at
     the edge of reach and under parts of the object cost more, unless this leaves no grasp. Where a
-    finger nearly tips the object, lower places are preferred.
+    finger nearly tips the object, lower places are preferred. If links of a finger were inside of
+    the object, such as behind the inner side of a wall, all such contacts are left out.
 
     Args:
         surface: The object's surface.
@@ -65,6 +66,8 @@ def choose_start_contacts(
         best = max(grasps, key=lambda grasp: (grasp.load >= 1, round(grasp.score, _DIGITS)))
         if best.load < 1:
             best = fine.strengthened(max(grasps, key=lambda grasp: grasp.load))
+        if best.load >= 1 and not (hand.avoids_links or fine.has_clear_links(best)):
+            return choose_start_contacts(surface, solid, replace(hand, avoids_links=True))
         if best.load >= 1:
             return fine.contacts_of(best)
         held = f"hold {best.load:.2g} of its weight with friction {hand.friction:g}"
@@ -260,6 +263,13 @@ class _Search:
             return cones, {"model": "hard_finger"}
         torsional = torsional_friction_of(friction, radii[fingers])
         return cones, {"model": "soft_finger", "torsional_friction": torsional}
+
+    def has_clear_links(self, trial: _Trial) -> bool:
+        """Returns whether the links of all fingers of a trial stay out of the object."""
+        return all(
+            self._candidates.has_clear_links(trial.yaw, finger, trial.candidates[[finger]])[0]
+            for finger in trial.fingers.tolist()
+        )
 
     def contacts_of(self, trial: _Trial) -> StartContacts:
         """Returns the contacts of a trial."""

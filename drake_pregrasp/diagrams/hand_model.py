@@ -1,11 +1,11 @@
 """Kinematic model of a hand, from its model file and its description."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 
 import numpy as np
-from pydrake.geometry import GeometryId, SceneGraph
+from pydrake.geometry import GeometryId, SceneGraph, SceneGraphInspector
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
@@ -26,9 +26,19 @@ from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import BASE
-from drake_pregrasp.regions.finger_measures import FingerChain, FingerMeasures
-from drake_pregrasp.systems.hand_kinematics import HandKinematics, HandLink, hand_links
-from drake_pregrasp.systems.hand_scene import HandScene, link_balls, separate_fingers
+from drake_pregrasp.regions.finger_measures import FingerChain, FingerLinks, FingerMeasures
+from drake_pregrasp.systems.hand_kinematics import (
+    HandKinematics,
+    HandLink,
+    hand_links,
+    moving_joints,
+)
+from drake_pregrasp.systems.hand_scene import (
+    HandScene,
+    inner_balls,
+    link_balls,
+    separate_fingers,
+)
 from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 
 _TWO_TURNS = 4 * np.pi
@@ -237,6 +247,25 @@ class HandModel:
             gaps.append(np.maximum(0.0, distances - step))
         return np.array(gaps)
 
+    def link_gaps(
+        self, finger: int, p_HT: FloatArray, distance: Callable[[FloatArray], FloatArray]
+    ) -> FloatArray:
+        """Returns the least gaps of a finger's links to an object, shape (k,), in metres.
+
+        Args:
+            finger: Index of the finger.
+            p_HT: Places of its tip in A at yaw 0, shape (k, 3), in metres.
+            distance: As for `FingerLinks.gaps`, in A at yaw 0.
+        """
+        return self._finger_links[finger].gaps(self.finger_chains[finger].along(p_HT), distance)
+
+    @cached_property
+    def _finger_links(self) -> list[FingerLinks]:
+        balls: list[list[tuple[int, FloatArray]]] = [[] for _ in self.finger_chains]
+        for finger, joints, own in self._balls_at_home(inner_balls):
+            balls[finger].append((joints, own))
+        return [FingerLinks.of(*part) for part in zip(self.finger_chains, balls, strict=True)]
+
     @cached_property
     def _steps(self) -> list[float]:
         gaps = [tree.query(tree.data, k=2)[0][:, 1] for tree in self.workspaces]
@@ -302,17 +331,23 @@ class HandModel:
     @cached_property
     def _finger_balls(self) -> tuple[FloatArray, FloatArray]:
         """Balls inside the links of fingers at home: centres in A at yaw 0, and radii."""
+        balls = np.concatenate([own for _, _, own in self._balls_at_home(link_balls)])
+        return balls[:, :3], balls[:, 3]
+
+    def _balls_at_home(
+        self, balls_of: Callable[[SceneGraphInspector, GeometryId], FloatArray]
+    ) -> Iterator[tuple[int, int, FloatArray]]:
+        """Yields the finger of each link, the number of its joints that carry it, and its balls."""
         plant, inspector = self.kinematics.plant, self.diagram.scene_graph().model_inspector()
         X_WB = self.kinematics.pose(self.base.placed(self.fingers_home)).X_WB
         links = hand_links(plant, self.kinematics.frames, self.tip_radii, inspector)
-        X_AW, found = self.base.X_AW, []
         for geometry, link in links.items():
             if link.finger != BASE:
-                centers, radii = np.split(link_balls(inspector, geometry), [3], axis=1)
-                p_AB = X_AW @ RigidTransform(X_WB[int(link.frame.body().index())]) @ centers.T
-                found.append(np.column_stack([p_AB.T, radii]))
-        balls = np.concatenate(found)
-        return balls[:, :3], balls[:, 3]
+                centers, radii = np.split(balls_of(inspector, geometry), [3], axis=1)
+                X_AB = self.base.X_AW @ RigidTransform(X_WB[int(link.frame.body().index())])
+                own = self.kinematics.own_joints(link.finger)
+                joints = int(np.sum(moving_joints(plant, link.frame)[own]))
+                yield link.finger, joints, np.column_stack([(X_AB @ centers.T).T, radii])
 
     def separate_links(
         self, instances: HandInstances, scene_graph: SceneGraph

@@ -114,6 +114,12 @@ def start_contacts_of(
     yaw_range = hand.yaw_range(config.yaw_range)
     problem_at = partial(palm_problem, hand, config, poses, p_OCoM, table_height(fixed))
 
+    def link_gaps(yaw: float, finger: int, p_OT: FloatArray) -> FloatArray:
+        R_OU = R_OA @ yaw_matrix(yaw)
+        return hand.link_gaps(
+            finger, (p_OT - p_OA) @ R_OU, lambda p_UP: solid.distance(p_UP @ R_OU.T + p_OA)
+        )
+
     return _contacts_or_reason(
         problem_at,
         surface,
@@ -139,6 +145,7 @@ def start_contacts_of(
             workspace_gaps=lambda yaw, p_OT, largest: hand.workspace_gaps(
                 (p_OT - p_OA) @ R_OA @ yaw_matrix(yaw), largest
             ),
+            link_gaps=link_gaps,
             clearance_weight=float(
                 hand.X_LA.IsExactlyIdentity()
             ),  # Fingers from the side reach around.

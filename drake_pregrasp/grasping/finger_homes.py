@@ -125,9 +125,11 @@ def _centers(tips: FloatArray, axis: FloatArray, on_axis: bool) -> tuple[FloatAr
 
 
 def _postures(finger: Finger, q: FloatArray) -> _Postures:
-    chain, k = finger.chain, len(finger.chain.home)
-    tips = chain.tips(q)[0]
-    origins = np.stack([_place(chain, j, finger.origins[j], q) for j in range(k)])
+    chain = finger.chain
+    tips, before = chain.tips(q)[0], chain.displacements(q)[:-1]
+    origins = np.stack(
+        [R @ p + shift for p, (R, shift) in zip(finger.origins, before, strict=True)]
+    )
     chord = tips - origins[0]
     chord = chord / np.maximum(np.linalg.norm(chord, axis=1, keepdims=True), 1e-9)
     bends = origins - origins[0]  # Offsets of the joints from the chord of the finger.
@@ -140,14 +142,6 @@ def _postures(finger: Finger, q: FloatArray) -> _Postures:
     off = np.abs(q - (chain.lower + chain.upper) / 2) / half
     limits = np.mean(off**2 + np.maximum(0.0, off - 0.9) * 100, axis=1)
     return _Postures(q, tips, outward, last, limits, origins[0])
-
-
-def _place(chain: FingerChain, joints: int, point: FloatArray, q: FloatArray) -> FloatArray:
-    """Returns the places of a point behind the first joints of a finger, shape (m, 3)."""
-    if joints == 0:
-        return np.tile(point, (len(q), 1))
-    part = replace(chain, screws=chain.screws[:joints], tip=point, home=chain.home[:joints])
-    return part.tips(q[:, :joints])[0]
 
 
 def _costs(

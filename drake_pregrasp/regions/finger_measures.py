@@ -1,6 +1,6 @@
 """Hand-centric measures of contacts: manipulability, joint range and force of their fingers."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 
@@ -28,6 +28,7 @@ LEAST_ARM = 1e-3
 _NODES = 16  # Number of nodes along each axis of a lattice.
 _SAMPLES = 3000  # Places of a fingertip; 90 % are nearer to the next than half of 12 mm.
 _ROUNDS = 40  # Fixed-point iterations until g is exact.
+_POSTURES = 4  # Number of positions in which the links near a place are looked at.
 _NEAR = 8  # Number of samples near a node, of which the one closest to home is taken.
 _STEPS = 12  # Number of steps from there to the node.
 _LAST = 4  # Number of the last steps, which no longer lead toward home.
@@ -60,25 +61,39 @@ class FingerChain:
     def tips(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns centres of the fingertip in U, shape (m, 3), and Jacobians, shape (m, 3, k).
 
-        A joint moves what it carries by exp([S] (q - q_home)), whose rotation R is about the point
-        w x v of its axis, and each screw S moves with the joints before it.
-
         Args:
             q: Positions of the joints, shape (m, k).
         """
+        (*before, (R_UB, p_UB)), screws = self.displacements(q), self.screws.reshape(-1, 2, 3)
+        p_UT = R_UB @ self.tip + p_UB
+        J = []
+        for (w, v), (R_UB, p_UB) in zip(screws, before, strict=True):
+            J.append(R_UB @ v + np.cross(R_UB @ w, p_UT - p_UB))
+        return p_UT, np.stack(J, axis=2)
+
+    def displacements(self, q: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+        """Returns how links have moved from home: R and p with p_U = R p_U(home) + p for each.
+
+        A joint moves what it carries by exp([S] (q - q_home)), whose rotation R is about the point
+        w x v of its axis.
+
+        Args:
+            q: Positions of the joints, shape (m, k).
+
+        Returns:
+            Rotations, shape (m, 3, 3), and translations, shape (m, 3), in metres: of the palm, then
+            of the link behind each joint.
+        """
         R_UB, p_UB = np.tile(np.eye(3), (len(q), 1, 1)), np.zeros((len(q), 3))
-        axes, speeds = [], []
+        found = [(R_UB, p_UB)]
         for (w, v), moved in zip(self.screws.reshape(-1, 2, 3), (q - self.home).T, strict=True):
-            axes.append(R_UB @ w)
-            speeds.append(R_UB @ v + np.cross(p_UB, axes[-1]))
             R = Rotation.from_rotvec(moved[:, None] * w).as_matrix()
             center, slide = np.cross(w, v), v if not np.any(w) else (w @ v) * w
             shift = center - R @ center + moved[:, None] * slide
             p_UB = p_UB + (R_UB @ shift[:, :, None])[:, :, 0]
             R_UB = R_UB @ R
-        p_UT = R_UB @ self.tip + p_UB
-        J = [speed + np.cross(axis, p_UT) for axis, speed in zip(axes, speeds, strict=True)]
-        return p_UT, np.stack(J, axis=2)
+            found.append((R_UB, p_UB))
+        return found
 
     def along(self, p_UT: FloatArray) -> FloatArray:
         """Returns the parts of places along the directions in which the joints move the tip.
@@ -130,6 +145,55 @@ class FingerChain:
             q = np.clip(goal, self.lower, self.upper)
             free = q == goal  # What a limit stops leaves the next step to the other joints.
         return q
+
+
+@dataclass(frozen=True, eq=False)
+class FingerLinks:
+    """Balls inside the links of a finger, at evenly spread positions of its joints.
+
+    Attributes:
+        tips: Centres of the fingertip in U, for a search of the nearest ones.
+        offsets: Centres of the balls from the fingertip, in U, shape (m, b, 3), in metres.
+        radii: Radii of the balls, shape (b,), in metres.
+    """
+
+    tips: cKDTree
+    offsets: FloatArray
+    radii: FloatArray
+
+    @staticmethod
+    def of(chain: FingerChain, balls: Sequence[tuple[int, FloatArray]]) -> "FingerLinks":
+        """Returns the links of a finger.
+
+        Args:
+            chain: The finger.
+            balls: Number of joints that carry each link, and its balls with the joints at home:
+                centres in U and radii, shape (b, 4), in metres. At least one link.
+        """
+        moved = chain.displacements(chain.samples())
+        R_UB, p_UB = moved[-1]
+        p_UT, centers = R_UB @ chain.tip + p_UB, []
+        for joints, own in balls:
+            R_UB, p_UB = moved[joints]
+            centers.append(own[:, :3] @ R_UB.swapaxes(1, 2) + p_UB[:, None])
+        offsets = np.concatenate(centers, axis=1) - p_UT[:, None]
+        return FingerLinks(cKDTree(p_UT), offsets, np.concatenate([own[:, 3] for _, own in balls]))
+
+    def gaps(self, p_UT: FloatArray, distance: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        """Returns the least gap of the links to an object, shape (k,), in metres; negative inside.
+
+        Of the positions that bring the fingertip near a place, it is that with the largest gap.
+
+        Args:
+            p_UT: Places of the fingertip in U, shape (k, 3), in metres.
+            distance: Function from points in U, shape (p, 3), to their signed distances from the
+                object, shape (p,), in metres.
+        """
+        _, near = self.tips.query(p_UT, k=_POSTURES)
+        p_UB = p_UT[:, None, None] + self.offsets[near]
+        gaps = distance(p_UB.reshape(-1, 3)).reshape(p_UB.shape[:-1]) - self.radii
+        largest: FloatArray = np.max(np.min(gaps, axis=2), axis=1)
+        return largest
 
 
 @dataclass(frozen=True, eq=False)

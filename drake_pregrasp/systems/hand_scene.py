@@ -252,6 +252,31 @@ class HandScene:
         return gaps[nearest], p_WS[nearest], outward[nearest]
 
 
+def inner_balls(inspector: SceneGraphInspector, geometry: GeometryId) -> FloatArray:
+    """Returns balls inside a convex geometry that fill it along its longest axis, shape (k, 4).
+
+    The rows are those of `link_balls`.
+
+    Args:
+        inspector: Inspector of the SceneGraph.
+        geometry: Collision geometry of a link.
+    """
+    balls = link_balls(inspector, geometry)
+    if balls[0, 3] > 0:
+        return balls[::2]
+    points = balls[:, :3]
+    axes = np.linalg.svd(points - np.mean(points, axis=0), full_matrices=False)[2]
+    along = points @ axes.T
+    low, high = np.min(along, axis=0), np.max(along, axis=0)
+    centers = (low + high)[None] / 2
+    radius = float(np.min(np.linalg.norm(along - centers, axis=1)))
+    if (most := float(high[0] - low[0]) / 2 - radius) > 0:
+        shifts = np.linspace(-most, most, 2 + int(2 * most / radius))
+        centers = centers + shifts[:, None] * [1.0, 0.0, 0.0]
+    radii = np.min(np.linalg.norm(along - centers[:, None], axis=2), axis=1)
+    return np.column_stack([centers @ axes, radii])
+
+
 def link_balls(inspector: SceneGraphInspector, geometry: GeometryId) -> FloatArray:
     """Returns balls inside a convex geometry that touch its surface all over, shape (k, 4).
 

@@ -358,7 +358,7 @@ def grasp(
         builder,
         hand,
         dp.mesh_surface(shape, spacing=0.006, tip=config.tip_size(hand.fingertips)),
-        dp.PlannerConfig(static_duration=0.0),
+        dp.PlannerConfig(),
         plant=plant,
         robot=instances,
         mass=thing.mass,
