@@ -13,7 +13,7 @@ HALVES = [
     *[(hand, BOXES[1], ABOVE) for hand in HANDS],
     # From above, the other hands do not reach below the middle of so tall a box.
     ("five_finger_hand", BOXES[1], BELOW),
-    ("shadow_hand", BOXES[0], BELOW),
+    ("shadow_hand", BOXES[0], 0.058),  # Its thumb does not press 11 mm below the centre of mass.
 ]
 
 
