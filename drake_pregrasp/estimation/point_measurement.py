@@ -68,6 +68,7 @@ class SeenObject:
                 std,
                 point_std=self.point_std,
                 table=self.rests_on_table,
+                offset_std=self.noise.bias,
                 align=self.align,
             )
         else:

@@ -23,6 +23,7 @@ _COARSE = (0.03, 0.03, 0.02, 0.02, 0.015)  # Scales of the first steps, in metre
 _FINALISTS = 24  # Best starts, which are aligned to all points.
 _YAWS, _UPRIGHT = 24, 6  # Upright starts besides, and finalists of these.
 _AS_WELL = 0.002  # Share of the points by which poses that fit as well differ.
+_OFFSETS = 3.0  # Standard deviations of an offset that the table does not contradict.
 _ENDS = 2  # Passes over the scales of an alignment.
 _GOLDEN = (np.sqrt(2.0), 1.533751168755204)  # Ratios of a super-Fibonacci spiral.
 
@@ -35,12 +36,14 @@ def register_pose(
     *,
     point_std: float,
     table: bool = True,
+    offset_std: float = 0.0,
     align: Callable[..., Alignment] = align_pose,
 ) -> Alignment:
     """Returns the pose that fits points best, out of alignments from many orientations.
 
     The middle of the object's bounding box starts at that of the points. On a table, the object
-    starts on it, and what the pose leaves between them counts as misfit. Of poses that fit as well,
+    starts on it, and what the pose leaves between them counts as misfit, apart from three standard
+    deviations of an offset of the points. Of poses that fit as well,
     such as those of a symmetric object, the one that is turned least from the axes of W counts.
 
     Args:
@@ -50,6 +53,7 @@ def register_pose(
         std: Assumed standard deviations of a measured pose (theta, p), shape (6,).
         point_std: Standard deviation of a point's distance from the surface, in metres.
         table: Whether the object stands on the plane z = 0 of W.
+        offset_std: Standard deviation of an offset that all points share, in metres.
         align: Implementation of `align_pose`.
     """
     few = SurfacePoints.seen(p_WQ[:: max(1, len(p_WQ) // _FEW)], point_std)
@@ -62,27 +66,25 @@ def register_pose(
         if table:
             p_WO[2] = -low[2]
         found.append(align(grid, few, R_WO, p_WO, std, _COARSE))
-    scores = [_misfit(start, corners, len(few.radius), table) for start in found]
+    slack = _OFFSETS * offset_std if table else np.inf
+    scores = [_misfit(start, corners, len(few.radius), slack) for start in found]
     points, ends = SurfacePoints.seen(p_WQ, point_std), []
     finalists = {*np.argsort(scores)[:_FINALISTS], *np.argsort(scores[:_YAWS])[:_UPRIGHT]}
     for end in (found[index] for index in sorted(finalists)):
         for _ in range(_ENDS):
             end = align(grid, points, end.R_WO, end.p_WO, std, SCALES)
         ends.append(end)
-    misfits = [_misfit(end, corners, len(p_WQ), table) for end in ends]
+    misfits = [_misfit(end, corners, len(p_WQ), slack) for end in ends]
     least = min(misfits) + _AS_WELL
     equal: list[Alignment] = [e for e, m in zip(ends, misfits, strict=True) if m <= least]
     return max(equal, key=lambda end: float(np.trace(end.R_WO)))
 
 
-def _misfit(found: Alignment, corners: FloatArray, count: int, table: bool) -> float:
-    """Returns the share of points that do not fit, and what the table adds."""
-    misfit = 1 - found.fits / count
-    if table:
-        height = float(np.min(corners @ found.R_WO[2])) + found.p_WO[2]
-        scale = SCALES[-1]
-        misfit += 1 - (scale**2 / (scale**2 + height**2)) ** 2
-    return misfit
+def _misfit(found: Alignment, corners: FloatArray, count: int, slack: float) -> float:
+    """Returns the share of points that do not fit, and what the table adds beyond the slack."""
+    height = abs(float(np.min(corners @ found.R_WO[2])) + found.p_WO[2])
+    scale, beyond = SCALES[-1], max(0.0, height - slack)
+    return 2 - found.fits / count - (scale**2 / (scale**2 + beyond**2)) ** 2
 
 
 def _lattice(count: int) -> FloatArray:

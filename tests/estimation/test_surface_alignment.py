@@ -10,11 +10,13 @@ from scipy.spatial.transform import Rotation
 from drake_pregrasp.arrays import pack
 from drake_pregrasp.estimation.pose_belief import PoseFilterNoise, PoseMeasurement, first_belief
 from drake_pregrasp.estimation.pose_filter import correct, filter_step, pose_residual
+from drake_pregrasp.estimation.registration import register_pose
 from drake_pregrasp.estimation.surface_alignment import (
     SurfacePoints,
     align_pose,
     measured_part,
 )
+from drake_pregrasp.fast import default_kernels
 from drake_pregrasp.geometry.distance_grid import distance_grid
 
 NOISE = PoseFilterNoise(5e-4, 3.5e-3, 1e-3, 1e-2, 3.0, 15.0)
@@ -136,3 +138,27 @@ def test_points_that_observe_everything_measure_as_a_pose_with_the_assumed_noise
         np.testing.assert_allclose(by_points.belief.p_WCoM, whole.belief.p_WCoM, atol=1e-6)
         halves = by_points.squares.reshape(2, 3).sum(axis=1)  # Orientation, then position.
         np.testing.assert_allclose(halves, whole.squares.reshape(2, 3).sum(axis=1), rtol=1e-3)
+
+
+@pytest.mark.slow
+def test_the_table_does_not_turn_what_a_camera_shows_at_a_wrong_height():
+    """A box whose sides differ by a centimetre is registered by its sides, within the offset."""
+    box = trimesh.creation.box([0.1, 0.08, 0.09])
+    grid, offset_std, count = distance_grid(box), 0.006, 12
+    align = default_kernels().align_pose()
+    right = 0
+    for seed in range(count):
+        rng = np.random.default_rng(seed)
+        R = Rotation.from_euler("z", rng.uniform(-0.7, 0.7)).as_matrix()
+        p_OQ, faces = trimesh.sample.sample_surface(box, 1200, seed=seed)
+        seen = box.face_normals[faces] @ R.T @ [0.45, -0.45, 0.4] > 0
+        p_OQ = p_OQ[seen][:400]
+        shown = np.array([0.0, 0.0, 0.045]) + rng.normal(scale=offset_std, size=3)
+        p_WQ = p_OQ @ R.T + shown + rng.normal(scale=1e-3, size=p_OQ.shape)
+        found = register_pose(
+            grid, box.vertices, p_WQ, STD, point_std=1e-3, offset_std=offset_std, align=align
+        )
+        off = grid.at((p_OQ @ R.T + shown - found.p_WO) @ found.R_WO)[0]
+        turned = np.abs(R.T @ found.R_WO)  # The identity for each symmetry of the box.
+        right += np.abs(off).max() < 3e-3 and np.abs(turned - np.eye(3)).max() < 0.05
+    assert right == count
