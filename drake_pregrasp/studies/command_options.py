@@ -23,9 +23,9 @@ def add_out_option(parser: argparse.ArgumentParser, default: str, what: str = "t
     parser.add_argument("--out", default=default, metavar="FOLDER", help=text)
 
 
-def add_processes_option(parser: argparse.ArgumentParser, noun: str = "runs") -> None:
+def add_processes_option(parser: argparse.ArgumentParser) -> None:
     """Adds `--processes`."""
-    text = f"number of parallel {noun}; the number of processors if not set"
+    text = "number of parallel runs; the number of processors if not set"
     parser.add_argument("--processes", type=whole_number(1), metavar="N", help=text)
 
 

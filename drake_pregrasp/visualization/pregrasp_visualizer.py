@@ -23,6 +23,9 @@ _GHOST = f"{ROOT}/estimate"
 _REGION_LIFT = 8e-4
 """Distance of tiles from the surface, in metres; the object hides tiles with a larger error."""
 
+_MARKER_RADIUS = 0.006  # Radius of the marker of a goal, in metres.
+_TRAIL_STEP = 0.003  # Distance between two dots of a trail on the object, in metres.
+_MAGNIFICATION = 10.0  # Magnification of the ellipsoid of the covariance.
 _SEEN_THROUGH = 0.4  # Opacity of goals behind the object.
 _ELLIPSOID_COLOR = Rgba(0.35, 0.37, 0.40, 0.6)
 _MEETING_COLOR = Rgba(0.9, 0.45, 0.1, 0.6)
@@ -58,8 +61,8 @@ class PregraspVisualizer(LeafSystem):
     Port `safe_regions` accepts the `SafeRegions` over the surface's candidates.
 
     Port `p_WO_covariance` accepts a vector of 9, in m². It is drawn over the object as an ellipsoid
-    of three standard deviations, magnified by `covariance_magnification`. Its half axes are at most
-    a third of the object's length, so that it does not hide the object.
+    of three standard deviations, magnified ten times. Its half axes are at most a third of the
+    object's length, so that it does not hide the object.
 
     Port `X_WO` accepts a `RigidTransform`: the true pose of the object, at which regions and trails
     are drawn. It is optional. At the estimated pose, which replaces it, the object hides regions.
@@ -79,10 +82,7 @@ class PregraspVisualizer(LeafSystem):
             tile has the colour of the closest candidate. By default, `surface`.
         num_contacts: Number of contacts n.
         publish_period: Seconds between frames, greater than zero.
-        marker_radius: Radius of a contact goal's marker, in metres.
         trail_length: Number of dots that mark the path of each goal over the object.
-        trail_step: Distance between two dots on the object, in metres.
-        covariance_magnification: Magnification of the ellipsoid.
         record: Whether the regions' colours are recorded too. `Meshcat.StartRecording` controls
             everything else.
         continues: An equal visualizer whose drawings in Meshcat this one takes over.
@@ -96,10 +96,7 @@ class PregraspVisualizer(LeafSystem):
         tile_surface: ObjectSurface | None = None,
         num_contacts: int,
         publish_period: float,
-        marker_radius: float = 0.006,
         trail_length: int = 20,
-        trail_step: float = 0.003,
-        covariance_magnification: float = 10.0,
         record: bool = True,
         continues: "PregraspVisualizer | None" = None,
     ) -> None:
@@ -108,11 +105,7 @@ class PregraspVisualizer(LeafSystem):
         self._surface = surface
         self._tile_surface = tile_surface or surface
         self._tile_candidates = _nearest_candidates(surface, self._tile_surface)
-        self._num_contacts, self._marker_radius = num_contacts, marker_radius
-        self._trail_length = trail_length
-        self._trail_step = trail_step
-        self._record = record
-        self._magnification = covariance_magnification
+        self._num_contacts, self._trail_length, self._record = num_contacts, trail_length, record
         self._hover = 0.045 + float(np.max(surface.p_OQ[:, 2]))
         self._forget()
         self._colors = {i: region_color(i) for i in (NO_REGION, *range(num_contacts))}
@@ -140,15 +133,15 @@ class PregraspVisualizer(LeafSystem):
             self._meshcat.SetTriangleMesh(_tile_path(tile), vertices, triangles, color)
         for i in range(self._num_contacts):
             color = contact_color(i)
-            self._meshcat.SetObject(_goal_path(i), Sphere(self._marker_radius), color)
+            self._meshcat.SetObject(_goal_path(i), Sphere(_MARKER_RADIUS), color)
             # A pale marker is in front of everything, and so shows goals behind the object.
             pale = Rgba(color.r(), color.g(), color.b(), _SEEN_THROUGH)
             through = f"{_goal_path(i)}/through"
-            self._meshcat.SetObject(through, Sphere(self._marker_radius), pale)
+            self._meshcat.SetObject(through, Sphere(_MARKER_RADIUS), pale)
             self._meshcat.SetProperty(f"{through}/<object>", "material.depthTest", False)
             for slot in range(self._trail_length):
                 path = _trail_path(i, slot)
-                self._meshcat.SetObject(path, Sphere(0.25 * self._marker_radius), color)
+                self._meshcat.SetObject(path, Sphere(0.25 * _MARKER_RADIUS), color)
         mesh = self._surface.mesh
         self._meshcat.SetTriangleMesh(_GHOST, mesh.vertices.T, mesh.faces.T, GHOST_COLOR)
         self._meshcat.SetObject(f"{ROOT}/covariance/axes", Sphere(1.0), _ELLIPSOID_COLOR)
@@ -183,7 +176,7 @@ class PregraspVisualizer(LeafSystem):
         self._set(_GHOST, "visible", are_apart(X_WO, X_WO_drawn), time)
         self._color_tiles(regions.labels[self._tile_candidates], time)
         # Balls touch the surface from outside: centred on a thin wall, they show on both sides.
-        p_OB = p_OC + self._marker_radius * self._surface.project(p_OC)[1]
+        p_OB = p_OC + _MARKER_RADIUS * self._surface.project(p_OC)[1]
         self._draw_goals((X_WO @ p_OB.T).T, active, time)
         self._draw_trails(p_OC, active, time)
         p_WE = X_WO @ self._surface.p_OCoM + [0.0, 0.0, self._hover]
@@ -224,7 +217,7 @@ class PregraspVisualizer(LeafSystem):
             if head is None:
                 for slot in range(self._trail_length):
                     self._set(_trail_path(i, slot), "visible", False, time)
-            elif np.linalg.norm(p_OC[i] - head[1]) < self._trail_step or not active[i]:
+            elif np.linalg.norm(p_OC[i] - head[1]) < _TRAIL_STEP or not active[i]:
                 continue
             count = 0 if head is None else head[0] + 1
             path = _trail_path(i, count % self._trail_length)
@@ -239,7 +232,7 @@ class PregraspVisualizer(LeafSystem):
         axes *= np.sign(np.linalg.det(axes))
         X_WE = RigidTransform(RotationMatrix.ProjectToRotationMatrix(axes), p_WE)
         largest = float(self._surface.mesh.extents.max()) / 3
-        radii = np.minimum(3 * self._magnification * np.sqrt(np.maximum(variances, 0)), largest)
+        radii = np.minimum(3 * _MAGNIFICATION * np.sqrt(np.maximum(variances, 0)), largest)
         self._meshcat.SetTransform(f"{ROOT}/{name}", X_WE, time)
         self._set(f"{ROOT}/{name}/axes", "scale", [float(r) for r in radii], time)
 
