@@ -342,5 +342,8 @@ class _Search:
             return NoGraspError(Lack.ROOM, detail)
         cones = [self._cones(t.candidates) for t in trials if len(t.fingers) >= least]
         needed = needed_friction([(p, n, model) for (p, n, _), model in cones], friction)
+        if needed <= friction:
+            detail = "contacts with force closure are in reach only at yaws that the palm leaves"
+            return NoGraspError(Lack.REACH, f"{detail}: it turns with the contacts")
         detail = f"no contacts in reach have force closure with friction {friction:g}"
         return NoGraspError(Lack.FRICTION, f"{detail}; they need {needed:.2g}")

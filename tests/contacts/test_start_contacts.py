@@ -283,6 +283,7 @@ def ball_reaches(direction, radius):
 @pytest.mark.parametrize(
     ("lack", "message", "options"),
     [
+        (Lack.REACH, "only at yaws that the palm leaves", {"holds_palm": lambda yaw: False}),
         (Lack.REACH, "at most 0 fingers reach it", {"reaches": ball_reaches([1.0, 0, 0], 1e-4)}),
         (
             Lack.OPENING,
