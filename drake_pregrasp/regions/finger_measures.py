@@ -27,7 +27,6 @@ LEAST_ARM = 1e-3
 
 _NODES = 16  # Number of nodes along each axis of a lattice.
 _SAMPLES = 3000  # Places of a fingertip; 90 % are nearer to the next than half of 12 mm.
-_ROUNDS = 40  # Fixed-point iterations until g is exact.
 _POSTURES = 4  # Number of positions in which the links near a place are looked at.
 _NEAR = 8  # Number of samples near a node, of which the one closest to home is taken.
 _STEPS = 12  # Number of steps from there to the node.
@@ -111,16 +110,11 @@ class FingerChain:
         return np.asarray(self.tip + (p_UT - self.tip) @ (J @ np.linalg.pinv(J)))
 
     def samples(self) -> FloatArray:
-        """Returns evenly spread positions of the joints, shape (m, k).
+        """Returns evenly spread positions of the joints, shape (m, k)."""
+        # Imported only here, because scipy.stats takes a quarter of a second.
+        from scipy.stats.qmc import Halton
 
-        Row m is the fractional part of m (1/g, 1/g², ..., 1/gᵏ) over the ranges of the joints. The
-        root g of x^(k + 1) = x + 1 is the golden ratio for k = 1 (Roberts, 2018). Unlike the
-        sequences of `scipy.stats`, this needs no import of half a second.
-        """
-        k, g = len(self.home), 1.0
-        for _ in range(_ROUNDS):
-            g = (1 + g) ** (1 / (k + 1))
-        share = np.outer(np.arange(_SAMPLES), g ** -np.arange(1.0, k + 1)) % 1
+        share = Halton(len(self.home), seed=0).random(_SAMPLES)
         q: FloatArray = self.lower + share * (self.upper - self.lower)
         return q
 
