@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 
 import numpy as np
-from pydrake.geometry import GeometryId, SceneGraph, SceneGraphInspector
+from pydrake.geometry import GeometryId, SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
@@ -25,16 +25,13 @@ from drake_pregrasp.fast.kernels import REFERENCE, HandKernels, Kernels
 from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.grasping.grasp_state import BASE
 from drake_pregrasp.regions.finger_measures import FingerChain, FingerLinks, FingerMeasures
-from drake_pregrasp.systems.hand_kinematics import (
-    HandKinematics,
-    HandLink,
-    hand_links,
-    moving_joints,
-)
+from drake_pregrasp.systems.hand_kinematics import HandKinematics, HandLink, hand_links
 from drake_pregrasp.systems.hand_scene import (
+    BallFunction,
     HandScene,
+    LinkBalls,
+    finger_balls,
     inner_balls,
     link_balls,
     separate_fingers,
@@ -262,8 +259,8 @@ class HandModel:
     @cached_property
     def _finger_links(self) -> list[FingerLinks]:
         balls: list[list[tuple[int, FloatArray]]] = [[] for _ in self.finger_chains]
-        for finger, joints, own in self._balls_at_home(inner_balls):
-            balls[finger].append((joints, own))
+        for link in self._balls_at_home(inner_balls):
+            balls[link.finger].append((link.joints, link.balls))
         return [FingerLinks.of(*part) for part in zip(self.finger_chains, balls, strict=True)]
 
     @cached_property
@@ -331,23 +328,16 @@ class HandModel:
     @cached_property
     def _finger_balls(self) -> tuple[FloatArray, FloatArray]:
         """Balls inside the links of fingers at home: centres in A at yaw 0, and radii."""
-        balls = np.concatenate([own for _, _, own in self._balls_at_home(link_balls)])
+        balls = np.concatenate([link.balls for link in self._balls_at_home(link_balls)])
         return balls[:, :3], balls[:, 3]
 
-    def _balls_at_home(
-        self, balls_of: Callable[[SceneGraphInspector, GeometryId], FloatArray]
-    ) -> Iterator[tuple[int, int, FloatArray]]:
-        """Yields the finger of each link, the number of its joints that carry it, and its balls."""
-        plant, inspector = self.kinematics.plant, self.diagram.scene_graph().model_inspector()
-        X_WB = self.kinematics.pose(self.base.placed(self.fingers_home)).X_WB
-        links = hand_links(plant, self.kinematics.frames, self.tip_radii, inspector)
-        for geometry, link in links.items():
-            if link.finger != BASE:
-                centers, radii = np.split(balls_of(inspector, geometry), [3], axis=1)
-                X_AB = self.base.X_AW @ RigidTransform(X_WB[int(link.frame.body().index())])
-                own = self.kinematics.own_joints(link.finger)
-                joints = int(np.sum(moving_joints(plant, link.frame)[own]))
-                yield link.finger, joints, np.column_stack([(X_AB @ centers.T).T, radii])
+    def _balls_at_home(self, balls_of: BallFunction) -> Iterator[LinkBalls]:
+        """Yields the balls of the links of fingers at home, in A at yaw 0."""
+        hand, inspector = self.kinematics, self.diagram.scene_graph().model_inspector()
+        q = self.base.placed(self.fingers_home)
+        for link in finger_balls(hand, inspector, self.tip_radii, q, balls_of):
+            centers, radii = np.split(link.balls, [3], axis=1)
+            yield link._replace(balls=np.column_stack([(self.base.X_AW @ centers.T).T, radii]))
 
     def separate_links(
         self, instances: HandInstances, scene_graph: SceneGraph

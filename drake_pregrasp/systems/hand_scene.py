@@ -1,7 +1,8 @@
 """Signed distances between the links of a hand, the object, and what is around them."""
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import trimesh
@@ -250,6 +251,50 @@ class HandScene:
         gaps = distances - radii[:, 0]
         nearest = np.lexsort((gaps, owner))[np.cumsum(counts) - counts]
         return gaps[nearest], p_WS[nearest], outward[nearest]
+
+
+class LinkBalls(NamedTuple):
+    """Balls inside a link of a finger.
+
+    Attributes:
+        finger: Index of the finger.
+        joints: Number of the finger's own joints that carry the link.
+        balls: Centres in W and radii, shape (k, 4), in metres.
+    """
+
+    finger: int
+    joints: int
+    balls: FloatArray
+
+
+BallFunction = Callable[[SceneGraphInspector, GeometryId], FloatArray]
+"""Function such as `inner_balls` or `link_balls`."""
+
+
+def finger_balls(
+    hand: HandKinematics,
+    inspector: SceneGraphInspector,
+    tip_radii: FloatArray,
+    q: FloatArray,
+    balls_of: BallFunction,
+) -> Iterator[LinkBalls]:
+    """Yields the balls of each link that moves with a finger, one by one.
+
+    Args:
+        hand: Kinematics of the hand.
+        inspector: Inspector of the SceneGraph of its plant.
+        tip_radii: Radii of the fingertips, shape (n,), in metres.
+        q: Positions of the joints, shape (nq,).
+        balls_of: Function that returns the balls of a geometry.
+    """
+    X_WB = hand.pose(q).X_WB
+    for geometry, link in hand_links(hand.plant, hand.frames, tip_radii, inspector).items():
+        if link.finger != BASE:
+            centers, radii = np.split(balls_of(inspector, geometry), [3], axis=1)
+            R_WB, p_WB = np.split(X_WB[int(link.frame.body().index())], [3], axis=1)
+            own = moving_joints(hand.plant, link.frame)[hand.own_joints(link.finger)]
+            balls = np.column_stack([centers @ R_WB.T + p_WB.T, radii])
+            yield LinkBalls(link.finger, int(np.sum(own)), balls)
 
 
 def inner_balls(inspector: SceneGraphInspector, geometry: GeometryId) -> FloatArray:
