@@ -8,7 +8,7 @@ from scipy.linalg.lapack import dposv, dpotrf, dtrtrs
 from scipy.optimize import nnls
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.grasping.clearances import Clearances
+from drake_pregrasp.grasping.clearances import RETREAT, Clearances
 from drake_pregrasp.grasping.grasp_state import BASE, NOT_BLOCKED
 
 LIMIT_RATE = 10.0
@@ -51,7 +51,8 @@ def next_velocities(
     """Returns the velocities of the joints until the next tick, and what stops them.
 
     They follow goals and a posture (`joint_velocities`), within the limits of the joints and
-    clearances. If no velocities do, the joints stop with their largest deceleration.
+    clearances. If no velocities do, the joints stop with their largest deceleration; unless an
+    object comes too fast for that, and a hand that follows its goals gets less in its way.
 
     Args:
         q: Positions of the joints, shape (nq,).
@@ -78,8 +79,15 @@ def next_velocities(
     if v is not None:
         return np.minimum(np.maximum(v, least), most), NOT_BLOCKED
     stopped = np.minimum(np.maximum(0.0, v_last - change), v_last + change)
+    if not len(clear.least):
+        return stopped, BASE
     lacking = clear.least - clear.rows @ stopped
-    return stopped, int(clear.fingers[np.argmax(lacking)]) if len(lacking) else BASE
+    blocked = int(clear.fingers[np.argmax(lacking)])
+    if (worst := np.max(lacking)) > RETREAT:
+        moving = joint_velocities(J, V, v_posture, A[: 2 * len(q)], b[: 2 * len(q)])
+        if moving is not None and np.max(clear.least - clear.rows @ moving) < worst - TOLERANCE:
+            return np.minimum(np.maximum(moving, least), most), blocked
+    return stopped, blocked
 
 
 def joint_velocities(

@@ -91,7 +91,8 @@ class DifferentialKinematics(LeafSystem):
     At each tick the velocities v of the joints minimise the errors of goals J v - V first and of
     the posture second (`joint_velocities`), within the limits of speed and acceleration of the
     joints, and such that links keep their clearances (`HandScene`). If no velocity satisfies this,
-    the joints stop with their largest deceleration. The reference q is the integral of v, linear
+    the joints stop with their largest deceleration, or follow the goals if a stop is worse
+    (`next_velocities`). The reference q is the integral of v, linear
     between ticks. It never follows the measured positions, which lag behind.
 
     The palm follows its goal with the velocity of the goal and `GAIN` times its distance from it:
