@@ -113,7 +113,8 @@ class GraspSequencer(LeafSystem):
 
     Port `X_WG` emits a `RigidTransform`: the pose of the frame G of the command.
 
-    Port `hold_contacts` emits a vector of 1: 1 while the command holds contacts, else 0.
+    Port `hold_contacts` emits a vector of 1: 1 while the command holds contacts, and also for the
+    last part of the approach, as long as closing takes, so that fingers arrive at them; else 0.
 
     Port `grasp_report` emits a vector of 4: the `GraspPhase`, its start in seconds, the `GiveUp`
     and its detail (`describe_give_up`).
@@ -193,7 +194,7 @@ class GraspSequencer(LeafSystem):
         grasp, motion = self._grasp, self._held.motion
         output("command", any_value, command.Eval, command)
         output("X_WG", ports.POSE, self._calc_X_WG, command)
-        output("hold_contacts", 1, lambda c: grasp.Eval(c).holds_contacts, grasp)
+        output("hold_contacts", 1, self._calc_hold, self.time_ticket(), grasp, self._approach)
         output("grasp_report", 4, self._calc_report, grasp)
         output("V_WO_held", ports.VELOCITY, self._held.calc_velocity, motion)
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._advance)
@@ -245,6 +246,12 @@ class GraspSequencer(LeafSystem):
             f_T_W=forces @ R_WG.T,
             force_limits=state.force_limits(settings.touch_force),
         )
+
+    def _calc_hold(self, context: Context) -> list[float]:
+        state: GraspState = self._grasp.Eval(context)
+        left = float(self._approach.Eval(context)[0]) - context.get_time()
+        arrives = state.phase == GraspPhase.APPROACH and left <= self._settings.closing_duration
+        return [float(state.holds_contacts or arrives)]
 
     def _calc_X_WG(self, context: Context) -> RigidTransform:
         command: GraspCommand = self._command.Eval(context)

@@ -76,6 +76,16 @@ def test_fingers_hold_from_closing_until_they_let_go():
     assert hand.array("hold_contacts")[0] == 1
 
 
+def test_contacts_are_held_for_the_last_part_of_the_approach():
+    hand, meeting = sequencer_over(AT_TABLE), SETTINGS.closing_duration + 0.1
+    hand.fix(approach=[np.inf, *np.full(6, np.nan)])
+    assert hand.array("hold_contacts")[0] == 0
+    hand.fix(approach=[meeting, *np.full(6, np.nan)])
+    for time, held in ((0.09, 0), (0.11, 1), (meeting - 0.01, 1), (meeting + 0.05, 0)):
+        hand.advance(time - hand.context.get_time())
+        assert hand.array("hold_contacts")[0] == held
+
+
 def test_fingers_that_have_touched_keep_touching_and_all_together_carry_the_weight():
     hand = sequencer_over(AT_TABLE)
     nhat_W = RING @ AT_TABLE.rotation().matrix().T
