@@ -4,6 +4,7 @@ The files are kept; this script says how they were made. Lengths in metres, angl
 """
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 FOLDER = Path(__file__).parent
@@ -65,8 +66,8 @@ FAST = """\
 # 25 m/s2. The same toothed-belt axis, ELGA-TB-KF-70 of Festo, allows 5 m/s and 50 m/s2 with a feed
 # force of 350 N; 25 m/s2 of the slowest axis of the model, 11 kg with its motor, take 280 N. It is
 # idealised: the beams of a real gantry with 3 m of travel are heavier, and they bend.
-# Fingers touch at most 0.5 rad off the plane across the palm's axis (incidence), so that an object
-# that comes along this axis passes between their tips.
+# Fingers touch within 20 mm of the plane across the palm's axis (boxes), so that an object that
+# comes along this axis passes between their tips.
 model: package://drake_pregrasp/five_finger_hand.sdf
 base: !Carrier {joints: [x, y, z, yaw], palm_height: 0.155}
 drives:
@@ -287,14 +288,28 @@ def finger(index: int, azimuth: float) -> str:
     )
 
 
-def fingertips(azimuths: list[float], reach: str = "", closing: str = "") -> str:
-    """Returns the fingertips of a description, with further keys of reach and of themselves."""
+def fingertips(azimuths: list[float], reach: Callable[[float], str], closing: str = "") -> str:
+    """Returns the fingertips of a description, with the reach at an azimuth and further keys."""
     tips = [
         f"  - {{frame: finger_{index}_tip, radius: {TIP_RADIUS}, home: [0.0, 0.9, 1.35],{closing}"
-        f" reach: !SectorReach {{azimuth: {round(azimuth, 4)}, half_angle: 1.13{reach}}}}}\n"
+        f" reach: {reach(azimuth)}}}\n"
         for index, azimuth in enumerate(azimuths)
     ]
     return "".join(tips)
+
+
+def sector(azimuth: float) -> str:
+    """Returns the reach of a finger on its side of the palm's axis, at any height."""
+    return f"!SectorReach {{azimuth: {round(azimuth, 4)}, half_angle: 1.13}}"
+
+
+def slab(azimuth: float) -> str:
+    """Returns the reach of a finger on its side of the palm's axis, near the plane across it."""
+    x, y = math.cos(azimuth), math.sin(azimuth)
+    return (
+        f"!BoxReach {{center: [{0.06 * x:.4f}, {0.06 * y:.4f}, 0], size: [0.12, 0.18, 0.04],"
+        f" rpy: [0, 0, {azimuth:.4f}], direction: [{x:.4f}, {y:.4f}, 0], incidence: 1.22}}"
+    )
 
 
 def drive(joints: str, numbers: dict[str, float]) -> str:
@@ -311,14 +326,14 @@ def main() -> None:
         palm = carrier(radial_palm(), mass=0.6, radius=0.056)
         model = HEAD.format(number=number) + palm + fingers + TAIL
         (FOLDER / f"{name}.sdf").write_text(model, encoding="utf-8")
-        text = DESCRIPTION.format(name=name) + fingertips(azimuths)
+        text = DESCRIPTION.format(name=name) + fingertips(azimuths, sector)
         (FOLDER / f"{name}.yaml").write_text(text, encoding="utf-8")
     palm = link("palm", radial_palm(), mass=0.6, length=0.02, radius=0.056)
     model = PALM_HEAD.format(name=name) + palm + fingers + TAIL
     (FOLDER / "five_finger_palm.sdf").write_text(model, encoding="utf-8")
     fast = {**AXIS_DRIVE, "p": "1.0e+5", "speed": 3.0, "acceleration": 25}
     drives = [drive("x, y, z", fast), drive("yaw", WRIST_DRIVE), drive("", FINGER_DRIVE)]
-    tips = fingertips(azimuths, ", incidence: 0.5", " closing: {speed: 0.5},")
+    tips = fingertips(azimuths, slab, " closing: {speed: 0.5},")
     text = "".join([FAST, *drives, "fingertips:\n", tips])
     (FOLDER / "five_finger_fast.yaml").write_text(text, encoding="utf-8")
 

@@ -27,6 +27,7 @@ from drake_pregrasp.regions.finger_measures import FingerMeasures
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 from drake_pregrasp.systems.palm_frames import reach_frame
 
+_PASSING = 100.0  # Weight of free ways along the palm's axis for objects that come along it.
 _PALM_YAWS = 13  # Yaws at which the palm is checked if there is no grasp.
 
 
@@ -146,11 +147,16 @@ def start_contacts_of(
                 (p_OT - p_OA) @ R_OA @ yaw_matrix(yaw), largest
             ),
             link_gaps=link_gaps,
-            clearance_weight=float(
-                hand.X_LA.IsExactlyIdentity()
-            ),  # Fingers from the side reach around.
+            clearance_weight=_clearance_weight(hand, planner.estimator.gravity),
         ),
     )
+
+
+def _clearance_weight(hand: HandModel, gravity: float) -> float:
+    """Returns the weight of contacts that other parts of the object hide from the palm."""
+    if gravity:  # The object passes between the fingertips.
+        return _PASSING
+    return float(hand.X_LA.IsExactlyIdentity())  # Fingers from the side reach around.
 
 
 def _contacts_or_reason(

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from pydrake.math import RollPitchYaw
 from simulation_runs import points, run_log, run_text
 
+from drake_pregrasp import load_resolved
 from drake_pregrasp.grasping.grasp_state import GraspPhase
 from drake_pregrasp.grasping.held_criterion import LARGEST_DEG, LARGEST_MM
 from drake_pregrasp.grasping.interception import CatchLimit
@@ -33,6 +35,22 @@ def test_a_tossed_ball_is_caught_and_comes_to_rest_within_the_travel(tmp_path):
     np.testing.assert_allclose(p_WO[stopped] - p_WO[gripped], 0.1 * v, atol=0.03)
     still = np.linalg.norm(np.diff(p_WO[stopped + 25 :], axis=0), axis=1) / 0.002
     assert np.max(still) < 0.2  # The lift moves it by at most 0.15 m/s.
+
+
+@pytest.mark.parametrize("yaw", [0.5, 2.0])
+def test_a_turned_cube_passes_between_the_fingertips(yaw):
+    motion = f"!Toss {{position: [-1, 0, 0.4], velocity: [1.786, 0, 4.005], rpy: [0, 0, {yaw}]}}"
+    cube = "!Box {size: [0.06, 0.06, 0.06], mass: 0.2}"
+    resolved = load_resolved("catch_toss", text=f"{{object: {cube}, motion: {motion}}}")
+    has, radius = resolved.start.has_contact, resolved.hand.tip_radii[0]
+    standoff = resolved.scenario.grasp.standoff
+    p_OC, nhat = resolved.surface.project(resolved.start.p_OC[has])
+    R_OW = RollPitchYaw(0, 0, yaw).ToRotationMatrix().matrix().T
+    to_palm = R_OW @ resolved.hand.X_LA.rotation().matrix()[:, 2]
+    assert np.sum(has) >= 3
+    for ahead in np.linspace(0.0, 0.1, 21):
+        beside = p_OC + (radius + standoff) * nhat + ahead * to_palm
+        assert np.min(resolved.shape.solid.distance(beside)) >= radius
 
 
 def test_what_the_certificate_refuses_the_hand_does_not_try(tmp_path):
