@@ -27,8 +27,6 @@ AWAY = -1
 TIE = 1e-6
 """Difference of compared costs and gains that rounding can make: it must not choose."""
 
-_SLACK = 0.006  # Depth of links in the object that other positions of a finger can avoid, in m.
-
 # Costs in units of the force-closure margin:
 _COMFORT = 0.2  # Cost of fingertips that are the hand's radius away from their homes.
 _FLAT = 2.0  # Cost of contacts with a mean slope of 1 around them.
@@ -117,7 +115,7 @@ class StartCandidates:
     def has_clear_links(self, yaw: float, finger: int, candidates: IntArray) -> BoolArray:
         """Returns whether a finger at candidates keeps its links out of the object, shape (k,)."""
         gaps = self._hand.link_gaps(yaw, finger, self._ways[0][finger, candidates])
-        return gaps >= -_SLACK
+        return gaps >= 0
 
     def reach_gaps_at(self, yaw: float) -> FloatArray:
         """Returns by how much each finger misses the nearest candidate on a side that it may touch.

@@ -287,6 +287,9 @@ def _prepare_contact(
 ) -> None:
     """Separates the contacts of an object, and warns if fingertips cannot hold it."""
     if (body := body or only_free_body(plant)) is None:
+        if not plant.GetFloatingBaseBodies():
+            problem = "no body is free, so the hand would close on nothing"
+            warnings.warn(f"plant: {problem}; see add_object, or pass body", stacklevel=3)
         return
     inspector, mesh = scene_graph.model_inspector(), surface.mesh
     if has_hull_and_surface(plant, inspector, body):

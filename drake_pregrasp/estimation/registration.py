@@ -84,7 +84,7 @@ def _misfit(found: Alignment, corners: FloatArray, count: int, slack: float) -> 
     """Returns the share of points that do not fit, and what the table adds beyond the slack."""
     height = abs(float(np.min(corners @ found.R_WO[2])) + found.p_WO[2])
     scale, beyond = SCALES[-1], max(0.0, height - slack)
-    return 2 - found.fits / count - (scale**2 / (scale**2 + beyond**2)) ** 2
+    return float(2 - found.fits / count - (scale**2 / (scale**2 + beyond**2)) ** 2)
 
 
 def _lattice(count: int) -> FloatArray:

@@ -27,6 +27,7 @@ LEAST_ARM = 1e-3
 
 _NODES = 16  # Number of nodes along each axis of a lattice.
 _SAMPLES = 3000  # Places of a fingertip; 90 % are nearer to the next than half of 12 mm.
+_CORE = 0.5  # Share of the radii of links: other positions nearby may avoid the rest.
 _POSTURES = 4  # Number of positions in which the links near a place are looked at.
 _NEAR = 8  # Number of samples near a node, of which the one closest to home is taken.
 _STEPS = 12  # Number of steps from there to the node.
@@ -177,6 +178,7 @@ class FingerLinks:
         """Returns the least gap of the links to an object, shape (k,), in metres; negative inside.
 
         Of the positions that bring the fingertip near a place, it is that with the largest gap.
+        Only the inner half of the balls counts, as positions between the samples differ.
 
         Args:
             p_UT: Places of the fingertip in U, shape (k, 3), in metres.
@@ -185,7 +187,7 @@ class FingerLinks:
         """
         _, near = self.tips.query(p_UT, k=_POSTURES)
         p_UB = p_UT[:, None, None] + self.offsets[near]
-        gaps = distance(p_UB.reshape(-1, 3)).reshape(p_UB.shape[:-1]) - self.radii
+        gaps = distance(p_UB.reshape(-1, 3)).reshape(p_UB.shape[:-1]) - _CORE * self.radii
         largest: FloatArray = np.max(np.min(gaps, axis=2), axis=1)
         return largest
 

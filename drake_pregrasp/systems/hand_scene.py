@@ -308,7 +308,7 @@ def inner_balls(inspector: SceneGraphInspector, geometry: GeometryId) -> FloatAr
     """
     balls = link_balls(inspector, geometry)
     if balls[0, 3] > 0:
-        return balls[::2]
+        return balls
     points = balls[:, :3]
     axes = np.linalg.svd(points - np.mean(points, axis=0), full_matrices=False)[2]
     along = points @ axes.T

@@ -11,7 +11,7 @@ from conftest import slow
 from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
-from drake_pregrasp.contacts.assignment import palm_turn, ring_contacts
+from drake_pregrasp.contacts.assignment import palm_turn, ring_contacts, wrapped
 from drake_pregrasp.contacts.goal_limits import tip_gaps
 from drake_pregrasp.contacts.hand_over_object import HandOverObject
 from drake_pregrasp.contacts.start_contacts import choose_start_contacts
@@ -111,7 +111,7 @@ def test_chosen_contacts_pass_all_tests_and_hold_the_object(name):
     ]
     assert set(limits) == {Limit.NONE}
     # The palm turns to the yaw at which they are in reach.
-    turned = palm_turn(start.p_OC @ hand.R_AO.T, AZIMUTHS, start.yaw)
+    turned = palm_turn(p_OC @ hand.R_AO.T, AZIMUTHS[on], start.yaw)
     assert turned == pytest.approx(start.yaw, abs=1e-9)
     # Fingertips are beside each other, seen from above, and outside the object.
     level = np.array([1.0, 1.0, 0.0])
@@ -214,8 +214,26 @@ def test_the_same_object_has_the_same_contacts_at_any_density():
 def test_a_finger_without_a_place_stays_away():
     reaches = [reach_of(azimuth, 1.13) for azimuth in AZIMUTHS]
     reaches[2] = reach_of(AZIMUTHS[2], 1.13, BallSolid(np.array([0.5, 0, 0]), 0.01))
-    start, _ = chosen(shape_of("box0"), reaches=reaches)
-    assert start.has_contact.tolist() == [True, True, False, True, True]
+    start, hand = chosen(shape_of("box0"), reaches=reaches)
+    on = start.has_contact
+    assert on.tolist() == [True, True, False, True, True]
+    # The palm turns as if it were not there, and its contact is before its home.
+    p_AC = start.p_OC @ hand.R_AO.T
+    assert palm_turn(p_AC[on], AZIMUTHS[on], start.yaw) == pytest.approx(start.yaw, abs=1e-9)
+    azimuth = np.arctan2(p_AC[2, 1], p_AC[2, 0])
+    assert abs(wrapped(azimuth - start.yaw - AZIMUTHS[2])) < 0.3
+
+
+def test_contacts_at_which_links_are_inside_of_the_object_are_left_out():
+    free, _ = chosen(shape_of("box0"))
+
+    def link_gaps(yaw, finger, p_OT):
+        near = np.linalg.norm(p_OT - free.p_OC[finger], axis=1) < 0.02
+        return np.where(near & (finger == 1), -0.02, 0.02)
+
+    start, _ = chosen(shape_of("box0"), link_gaps=link_gaps)
+    assert free.has_contact[1]
+    assert not start.has_contact[1] or np.linalg.norm(start.p_OC[1] - free.p_OC[1]) > 0.01
 
 
 # Three fingers in a row and two opposite ones.

@@ -61,6 +61,14 @@ def test_chains_of_every_hand_move_as_in_drake(name):
         assert np.median(np.linalg.norm(closer[inner], axis=1)) < 0.05
 
 
+@pytest.mark.parametrize(("height", "passes"), [(0.03, False), (-0.03, True)])
+def test_links_pass_through_a_plate_between_fingertip_and_palm(height, passes):
+    for finger, tip in enumerate(HAND.p_HT):
+        plate = tip[2] + height
+        gaps = HAND.link_gaps(finger, tip[None], lambda p, z=plate: np.abs(p[:, 2] - z) - 0.001)
+        assert (gaps[0] > 0.01) if passes else (gaps[0] < 0)
+
+
 def reached_candidates(finger):
     """Candidates that a finger reaches, and its exact postures there."""
     chain, p_UT = HAND.finger_chains[finger], CUBE.p_OQ + R_TIP * CUBE.nhat_OQ
