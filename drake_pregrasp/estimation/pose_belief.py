@@ -179,6 +179,7 @@ class PoseBelief:
 
 _I = np.eye(3)
 _LEAST_MEASURED = 1e-3  # Share of a direction that counts as measured.
+_LEAST_SEEN = 0.01  # Share of the information of a measured orientation that shows a turn.
 _UNKNOWN = 1000.0  # Standard deviation of a direction that was not measured, over the assumed one.
 _BOOST_VARIANCE = 0.3**2  # Variance of a known change of twist, relative to its square.
 _PARTS = np.kron(np.ones((2, 2)), np.kron(np.eye(2), np.ones((3, 3))))  # 1 within each part.
@@ -208,7 +209,8 @@ def first_belief(
 ) -> PoseBelief:
     """Returns the belief after the first measurement: at rest, with the initial uncertainty.
 
-    A direction that was not measured is a thousand times as uncertain as a measured one.
+    A direction that was not measured is a thousand times as uncertain as a measured one, and the
+    object is taken not to turn about an axis about which its orientation was not measured.
 
     Args:
         measurement: The first measured pose.
@@ -223,6 +225,9 @@ def first_belief(
     W = measurement.directions * std / std[:, None]
     squares, axes = np.linalg.eigh(W.T @ W)
     P[:6, :6] = (axes / np.maximum(squares, _UNKNOWN**-2)) @ axes.T * std * std[:, None]
+    # What is not seen to turn, such as a can about its axis, is not taken to do so.
+    seen, turns = np.linalg.eigh(W[:, :3].T @ W[:, :3])
+    P[6:9, 6:9] = initial[0] * (turns * np.minimum(1.0, seen / _LEAST_SEEN)) @ turns.T
     p_WCoM, b_W = measurement.p_WO, np.zeros(0)
     if noise.bias:
         b_W, P_b = _known_offset(earlier, measurement.time, noise)

@@ -21,7 +21,7 @@ STARTS = 512
 _FEW = 80  # Points of the first steps.
 _COARSE = (0.03, 0.03, 0.02, 0.02, 0.015)  # Scales of the first steps, in metres.
 _FINALISTS = 24  # Best starts, which are aligned to all points.
-_YAWS, _UPRIGHT = 24, 6  # Upright starts besides, and finalists of these.
+_YAWS, _UPRIGHT = 24, 6  # Starts about one axis besides, and finalists of these.
 _AS_WELL = 0.002  # Share of the points by which poses that fit as well differ.
 _OFFSETS = 3.0  # Standard deviations of an offset that the table does not contradict.
 _ENDS = 2  # Passes over the scales of an alignment.
@@ -67,9 +67,15 @@ def register_pose(
             p_WO[2] = -low[2]
         found.append(align(grid, few, R_WO, p_WO, std, _COARSE))
     slack = _OFFSETS * offset_std if table else np.inf
+    best = min(found, key=lambda start: _misfit(start, corners, len(few.radius), slack))
+    p_OM = (corners.min(axis=0) + corners.max(axis=0)) / 2
+    for turn in rotation_matrix(np.outer(np.arange(_YAWS) * 2 * np.pi / _YAWS, _hidden_axis(best))):
+        R_WO, p_WM = turn @ best.R_WO, best.p_WO + best.R_WO @ p_OM
+        found.append(align(grid, few, R_WO, p_WM - R_WO @ p_OM, std, _COARSE))
     scores = [_misfit(start, corners, len(few.radius), slack) for start in found]
     points, ends = SurfacePoints.seen(p_WQ, point_std), []
     finalists = {*np.argsort(scores)[:_FINALISTS], *np.argsort(scores[:_YAWS])[:_UPRIGHT]}
+    finalists |= {STARTS + _YAWS + k for k in np.argsort(scores[-_YAWS:])[:_UPRIGHT]}
     for end in (found[index] for index in sorted(finalists)):
         for _ in range(_ENDS):
             end = align(grid, points, end.R_WO, end.p_WO, std, SCALES)
@@ -78,6 +84,17 @@ def register_pose(
     least = min(misfits) + _AS_WELL
     equal: list[Alignment] = [e for e, m in zip(ends, misfits, strict=True) if m <= least]
     return max(equal, key=lambda end: float(np.trace(end.R_WO)))
+
+
+def _hidden_axis(found: Alignment) -> FloatArray:
+    """Returns the axis in W about which points tell least of a turn, shape (3,).
+
+    A mug that is well aligned but for its handle has to turn about its own axis.
+    """
+    A, B, C = (found.information[i] for i in (np.s_[:3, :3], np.s_[:3, 3:], np.s_[3:, 3:]))
+    own = A - B @ np.linalg.pinv(C, hermitian=True) @ B.T
+    axis: FloatArray = np.linalg.eigh(own)[1][:, 0]
+    return axis
 
 
 def _misfit(found: Alignment, corners: FloatArray, count: int, slack: float) -> float:

@@ -27,7 +27,9 @@ a centimetre off."""
 DAMPING = 1e-4
 """Information that bounds a step, in units of the assumed noise of a measured pose."""
 
-_LEAST_SHARE = 1e-4  # Share of the information of a measured pose that counts as none.
+_LEAST_SHARE = 0.001
+# Share of the information of a measured pose below which it counts as none. The facets of a round
+# mesh, which the object does not have, tell a turn about its axis with less than a thousandth.
 
 
 @dataclass(frozen=True, eq=False)
