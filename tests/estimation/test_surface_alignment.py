@@ -122,6 +122,9 @@ def test_what_is_not_observed_stays_as_uncertain_as_before():
     )
     unknown = first_belief(part, NOISE).P[0].diagonal()
     assert unknown[2] > 9
+    # What is not seen to turn, about z here, is not taken to turn.
+    np.testing.assert_allclose(unknown[6:8], NOISE.initial_angular_velocity**2, rtol=1e-6)
+    assert unknown[8] < 1e-3
     assert np.all(unknown[3:5] > 0.2)
     assert unknown[5] < 1e-6
 

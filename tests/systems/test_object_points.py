@@ -170,23 +170,6 @@ def test_an_estimator_registers_points_and_follows_them():
     assert estimator.eval("measurement_verdict")[0] == NOTHING  # Too few of them fit.
 
 
-def test_a_can_does_not_seem_to_turn_about_its_axis():
-    """Noise of what points hardly tell must not become a turn, with which goals would turn."""
-    can = trimesh.creation.cylinder(0.04, 0.11, sections=48)
-    config = dp.EstimatorConfig(rests_on_table=True)
-    solid = MeshSolid.of(can)
-    estimator = Driven(dp.PoseEstimator(config, period=0.05, object_solid=solid))
-    for tick in range(12):
-        p_OQ, faces = trimesh.sample.sample_surface(can, 900, seed=tick)
-        p_OQ = p_OQ[can.face_normals[faces] @ [0.45, -0.45, 0.4] > 0][:400]
-        noise = np.random.default_rng(tick).normal(scale=1e-3, size=p_OQ.shape)
-        p_WQ = p_OQ + noise + np.array([0.1, 0.0, 0.055])
-        estimator.at(0.05 * tick, point_cloud=cloud(p_WQ), measurement_time=[0.05 * tick])
-        estimator.update()
-    assert estimator.eval("tracking_status")[0] == dp.TrackingStatus.TRACKING
-    assert np.abs(estimator.eval("V_WO_estimated").rotational()).max() < 0.1
-
-
 def test_touches_correct_what_a_camera_with_a_wrong_place_shows():
     """Two fingertips and the table tell the whole offset, and without touch only the height."""
     X_WO, bias = RigidTransform([0.1, 0.05, 0.03]), np.array([0.004, -0.003, 0.005])
