@@ -39,8 +39,9 @@ from drake_pregrasp.geometry.mesh_surface import mesh_surface
 from drake_pregrasp.geometry.shapes import load_shape
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.geometry.surface import ForbiddenPoints, ObjectSurface
+from drake_pregrasp.grasping.catch_limits import CatchLimit
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, describe_give_up
-from drake_pregrasp.grasping.interception import CatchLimit, MeetingSettings
+from drake_pregrasp.grasping.interception import MeetingSettings
 from drake_pregrasp.grasping.palm_paths import PalmLimits
 from drake_pregrasp.regions.capability_weights import capability_weights
 from drake_pregrasp.regions.constraints import Obstacles

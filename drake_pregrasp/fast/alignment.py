@@ -12,8 +12,8 @@ from drake_pregrasp.estimation.surface_alignment import (
     SurfacePoints,
 )
 from drake_pregrasp.fast.compiling import compiled
+from drake_pregrasp.fast.distances import write_distance
 from drake_pregrasp.fast.pose_steps import multiply, rotate
-from drake_pregrasp.fast.solids import write_distance
 from drake_pregrasp.geometry.distance_grid import DistanceGrid
 
 

@@ -42,13 +42,13 @@ def _align_pose() -> Callable[..., Alignment]:
 
 def _hand() -> HandKernels:
     # Imported only here, because only hands need what they compile.
+    from drake_pregrasp.fast.distances import compiled_solid
     from drake_pregrasp.fast.hand import (
         compiled_clearances,
         compiled_forward_kinematics,
         compiled_next_velocities,
     )
     from drake_pregrasp.fast.meetings import compiled_choose_meeting
-    from drake_pregrasp.fast.solids import compiled_solid
     from drake_pregrasp.fast.tip_steps import (
         compiled_goal_velocities,
         compiled_hand_goals,

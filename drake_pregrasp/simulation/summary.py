@@ -21,9 +21,9 @@ from drake_pregrasp.contacts.selection_input import (
 from drake_pregrasp.errors import printable
 from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.fast import numba_is_installed
+from drake_pregrasp.grasping.catch_limits import describe_catch_limit
 from drake_pregrasp.grasping.grasp_state import GraspPhase, describe_give_up
 from drake_pregrasp.grasping.held_criterion import GraspTicks, held_measures
-from drake_pregrasp.grasping.interception import describe_catch_limit
 from drake_pregrasp.quality.force_closure import ferrari_canny, min_weight_margin
 from drake_pregrasp.quality.grasp_quality import GraspQuality, characteristic_length, grasp_quality
 from drake_pregrasp.regions.coordinates import QUANTITIES

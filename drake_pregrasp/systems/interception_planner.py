@@ -10,8 +10,9 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 from drake_pregrasp.arrays import FloatArray, are_valid, pack, unpacker
 from drake_pregrasp.fast.kernels import REFERENCE, HandKernels
 from drake_pregrasp.geometry.rotations import skew
+from drake_pregrasp.grasping.catch_limits import CatchLimit
 from drake_pregrasp.grasping.grasp_state import GraspPhase
-from drake_pregrasp.grasping.interception import CatchLimit, MeetingSettings, rest_limit
+from drake_pregrasp.grasping.interception import MeetingSettings, rest_limit
 from drake_pregrasp.grasping.palm_paths import Meeting, moved
 from drake_pregrasp.systems import ports
 

@@ -10,7 +10,7 @@ from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.geometry.sampling import lifted, unit_normals
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.grasping.interception import CatchLimit
+from drake_pregrasp.grasping.catch_limits import CatchLimit
 from drake_pregrasp.regions.safe_regions import NO_REGION, SafeRegions
 from drake_pregrasp.systems.ports import POSE, REGIONS
 from drake_pregrasp.visualization.drawing import contact_color, linear_rgb, region_color

@@ -9,8 +9,8 @@ import numpy as np
 
 from drake_pregrasp.contacts.selection_input import ContactStatus, describe_status
 from drake_pregrasp.estimation.pose_track import TrackingStatus
+from drake_pregrasp.grasping.catch_limits import describe_catch_limit
 from drake_pregrasp.grasping.grasp_state import GraspPhase, describe_give_up
-from drake_pregrasp.grasping.interception import describe_catch_limit
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
 from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
 from drake_pregrasp.visualization.drawing import contact_color, hex_color

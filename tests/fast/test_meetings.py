@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from throws import IN_AIR, chosen, plan_of, random_throws, throws_to_a_palm
 
-from drake_pregrasp.grasping.interception import CatchLimit, choose_meeting
+from drake_pregrasp.grasping.catch_limits import CatchLimit
+from drake_pregrasp.grasping.interception import choose_meeting
 from drake_pregrasp.grasping.palm_paths import moved
 
 meetings = pytest.importorskip("drake_pregrasp.fast.meetings")

@@ -22,9 +22,8 @@ from throws import (
 )
 
 from drake_pregrasp.fast import default_kernels
+from drake_pregrasp.grasping.catch_limits import CatchLimit, describe_catch_limit
 from drake_pregrasp.grasping.interception import (
-    CatchLimit,
-    describe_catch_limit,
     rest_limit,
 )
 from drake_pregrasp.grasping.palm_paths import (

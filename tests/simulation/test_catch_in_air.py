@@ -6,9 +6,9 @@ from pydrake.math import RollPitchYaw
 from simulation_runs import points, run_log, run_text
 
 from drake_pregrasp import load_resolved
+from drake_pregrasp.grasping.catch_limits import CatchLimit
 from drake_pregrasp.grasping.grasp_state import GraspPhase
 from drake_pregrasp.grasping.held_criterion import LARGEST_DEG, LARGEST_MM
-from drake_pregrasp.grasping.interception import CatchLimit
 
 pytestmark = pytest.mark.slow
 

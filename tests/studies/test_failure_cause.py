@@ -8,8 +8,8 @@ from made_up_records import motion_of, record
 
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.contacts.selection_input import ContactStatus
+from drake_pregrasp.grasping.catch_limits import CatchLimit
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspState
-from drake_pregrasp.grasping.interception import CatchLimit
 from drake_pregrasp.studies.grasps.failure_cause import failure_cause
 
 TRACKED = [record(0.0, GraspPhase.APPROACH), record(2.0, GraspPhase.TRACK)]

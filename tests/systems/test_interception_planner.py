@@ -13,8 +13,8 @@ from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.palm_meeting import meeting_settings
 from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.geometry.solids import BallSolid
+from drake_pregrasp.grasping.catch_limits import CatchLimit
 from drake_pregrasp.grasping.grasp_state import GraspPhase
-from drake_pregrasp.grasping.interception import CatchLimit
 
 HOME = np.array([0.0, 0.0, 0.2])
 START, BELT = np.array([-0.8, 0.1, 0.05]), np.array([0.4, 0.0, 0.0])

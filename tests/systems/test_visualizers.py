@@ -11,7 +11,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from drake_pregrasp import BallSolid, BoxSolid, ContactStatus, HalfSpace, Obstacles, box_surface
 from drake_pregrasp.contacts.selection_input import describe_status
-from drake_pregrasp.grasping.interception import CatchLimit
+from drake_pregrasp.grasping.catch_limits import CatchLimit
 from drake_pregrasp.visualization import obstacle_visualizer, pregrasp_visualizer
 from drake_pregrasp.visualization.obstacle_visualizer import ObstacleVisualizer
 from drake_pregrasp.visualization.pregrasp_visualizer import PregraspVisualizer

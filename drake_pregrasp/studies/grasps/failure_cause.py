@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from drake_pregrasp.contacts.selection_input import ContactStatus
+from drake_pregrasp.grasping.catch_limits import describe_catch_limit
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspState
 from drake_pregrasp.grasping.held_criterion import part_moved
-from drake_pregrasp.grasping.interception import describe_catch_limit
 from drake_pregrasp.systems.loggers import GraspRecord
 
 TOPPLED_DEG = 20.0
