@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.distance import pdist
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
-from drake_pregrasp.contacts.assignment import palm_turn, wrapped
+from drake_pregrasp.contacts.assignment import palm_turn
 from drake_pregrasp.contacts.hand_over_object import HandOverObject, StartContacts
 from drake_pregrasp.contacts.start_candidates import AWAY, TIE, StartCandidates
 from drake_pregrasp.errors import Lack, NoGraspError
@@ -188,22 +188,17 @@ class _Search:
         return None
 
     def _turned(self, trial: _Trial) -> float:
-        """Returns the yaw to which the palm turns with the contacts, in radians.
-
-        Fingers that stay away do not count: they are withdrawn at their own azimuths.
-        """
-        hand, on = self._hand, trial.fingers
-        p_AT = self._p[trial.candidates[on]] @ hand.R_AO.T + hand.p_AO
-        return palm_turn(p_AT, hand.azimuths[on], trial.yaw, hand.yaw_range)
+        """Returns the yaw to which the palm turns with the contacts, in radians."""
+        hand = self._hand
+        p_AT = self._p[self._nearest_candidates(trial)] @ hand.R_AO.T + hand.p_AO
+        return palm_turn(p_AT, hand.azimuths, trial.yaw, hand.yaw_range)
 
     def _nearest_candidates(self, trial: _Trial) -> IntArray:
-        """Returns the assigned candidates, or those before a finger's home if it stays away."""
-        hand = self._hand
+        """Returns the assigned candidates, or those nearest to home for fingers that stay away."""
         closed = self._candidates.limits_at(trial.yaw) == Limit.FORBIDDEN
-        x, y, _ = (self._p @ hand.R_AO.T + hand.p_AO).T
-        turns = np.abs(wrapped(np.arctan2(y, x) - trial.yaw - hand.azimuths[:, None]))
-        costs = np.where(closed, np.inf, turns + self._candidates.discomforts_at(trial.yaw))
-        return np.where(trial.candidates == AWAY, np.argmin(costs, axis=1), trial.candidates)
+        discomforts = self._candidates.discomforts_at(trial.yaw)
+        nearest = np.argmin(np.where(closed, np.inf, discomforts), axis=1)
+        return np.where(trial.candidates == AWAY, nearest, trial.candidates)
 
     def _judged(self, trial: _Trial) -> _Trial | None:
         """Returns a trial with its margin, without fingers that lower it; None if there is none."""
