@@ -1,4 +1,4 @@
-"""What prevents a hand from meeting a moving object."""
+"""Reasons why a hand cannot meet a moving object."""
 
 from enum import IntEnum
 

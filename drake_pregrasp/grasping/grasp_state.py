@@ -319,7 +319,7 @@ class GraspState:
             return np.full((len(self.active), 2), NO_LIMIT)
         planned = self.applied_share(touch_force) * norms(self.internal)
         limits = np.maximum(planned + (GENTLE - 1) * touch_force, GENTLE * touch_force)
-        is_limited = self.active[:, None] & np.stack([self.active, self.touched], axis=1)
+        is_limited = np.stack([self.active, self.active & self.touched], axis=1)
         return np.where(is_limited, limits[:, None], NO_LIMIT)
 
     def applied_share(self, touch_force: float) -> float:

@@ -207,9 +207,8 @@ class DifferentialKinematics(LeafSystem):
             discrete_state.set_value(self._inertial, inertial)
         reference = np.concatenate([[context.get_time()], q, v, v_last])
         discrete_state.set_value(self._reference, reference)
-        discrete_state.set_value(
-            self._pressing, np.concatenate([torques, command.force_limits.ravel()])
-        )
+        pressing = np.concatenate([torques, command.force_limits], axis=None)
+        discrete_state.set_value(self._pressing, pressing)
         discrete_state.set_value(self._blocked, [float(blocked)])
 
     def _next_velocity(

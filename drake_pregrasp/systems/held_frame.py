@@ -17,7 +17,7 @@ from drake_pregrasp.systems import ports
 
 
 class HeldObject(NamedTuple):
-    """What moves the frame G of an object that fingers hold.
+    """Properties of an object, a hand and a grasp that decide how the held object moves.
 
     Attributes:
         p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
@@ -70,7 +70,7 @@ class HeldFrame:
 
     Args:
         system: System that has the ports, and is being built.
-        held: What moves G.
+        held: Properties of the object, the hand and the grasp.
         grasp: Cache entry of the `GraspState`.
         p_WT: Port that accepts the fingertips' centres in W, a vector of 3n, in metres.
         f_T_W: Port that accepts the forces that they press with, in W, a vector of 3n, in newtons.
