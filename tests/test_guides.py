@@ -102,12 +102,6 @@ def test_the_guide_to_meshes_is_followed_as_it_stands():
     assert np.all(np.linalg.norm(p_WC - [0.1, 0.0, 0.05], axis=1) > 0.03)
 
 
-def test_the_strong_finger_owns_what_asks_for_much():
-    names = executed("extensions.md", block("extensions.md", "python"))
-    weak, strong = names["heights"]
-    assert strong > weak + 0.02
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("hand", ["five_finger_hand", "allegro_panda"])
 def test_the_robot_in_a_plant_of_ones_own_lifts_the_box(hand, request, capsys):
