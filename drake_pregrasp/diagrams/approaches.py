@@ -66,7 +66,7 @@ def least_side_height(hand: HandModel) -> float:
 
     A quarter of its yaws clear the table there.
     """
-    return LINK_CLEARANCE + float(np.quantile([hand.side_depth(yaw) for yaw in _YAWS], 0.25))
+    return LINK_CLEARANCE + float(np.quantile([hand.fingers.depth(yaw) for yaw in _YAWS], 0.25))
 
 
 class Approach(NamedTuple):

@@ -153,7 +153,7 @@ def palm_problem(
     except InvalidArgumentError as error:
         return str(error)
     height = float((path[0] @ p_OCoM + hand.X_LA.translation())[2]) - table
-    needed = hand.side_depth(yaw) + LINK_CLEARANCE
+    needed = hand.fingers.depth(yaw) + LINK_CLEARANCE
     if hand.X_LA.rotation().IsExactlyIdentity() or needed <= height:
         return ""
     return f"fingers at home need a palm {needed:.3g} m over the table, and it is at {height:.3g} m"
@@ -190,7 +190,7 @@ def check_torques(
     p_OU = p_OCoM + R_OW @ hand.X_LA.translation()
     p_UT = (p_OC + hand.tip_radii[fingers, None] * nhat - p_OU) @ R_OU
     for place, finger in zip(p_UT, np.flatnonzero(fingers), strict=True):
-        chain = hand.finger_chains[finger]
+        chain = hand.fingers.chains[finger]
         tips, jacobians = chain.tips(chain.postures(place[None]))
         if np.linalg.norm(tips[0] - place) > _REACHED:
             return

@@ -1,8 +1,6 @@
 """Kinematic model of a hand, from its model file and its description."""
 
-import math
-from collections.abc import Callable, Iterator, Sequence
-from functools import cached_property
+from collections.abc import Sequence
 
 import numpy as np
 from pydrake.geometry import GeometryId, SceneGraph
@@ -10,13 +8,13 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.planning import RobotDiagram, RobotDiagramBuilder
-from scipy.spatial import cKDTree
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.hand_description import Carrier, Fingertip, HandDescription
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams.hand_instances import HandInstances
 from drake_pregrasp.diagrams.hand_parsing import add_read_model, read_model
+from drake_pregrasp.diagrams.home_fingers import HomeFingers
 from drake_pregrasp.diagrams.model_files import CheckedModel
 from drake_pregrasp.diagrams.palm_base import PalmCarrier, check_home, make_base
 from drake_pregrasp.errors import InvalidArgumentError, ProblemCollector
@@ -24,23 +22,12 @@ from drake_pregrasp.fast import default_kernels
 from drake_pregrasp.fast.kernels import REFERENCE, HandKernels, Kernels
 from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
-from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.regions.finger_measures import FingerChain, FingerLinks, FingerMeasures
 from drake_pregrasp.systems.hand_kinematics import HandKinematics, HandLink, hand_links
-from drake_pregrasp.systems.hand_scene import (
-    BallFunction,
-    HandScene,
-    LinkBalls,
-    finger_balls,
-    inner_balls,
-    link_balls,
-    separate_fingers,
-)
+from drake_pregrasp.systems.hand_scene import HandScene, separate_fingers
 from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 
 _TWO_TURNS = 4 * np.pi
 _DIRECTIONS = 3  # Number of joints that move a fingertip in all directions.
-_LARGEST_STEP = 0.012  # Largest distance to another place that a finger reaches, in metres.
 
 
 class HandModel:
@@ -68,6 +55,7 @@ class HandModel:
         base: Carrier or arm of the palm.
         fingers_home: Home positions of the fingers, and zeros for the base, shape (nq,).
         tip_radii: Radii of the fingertips, shape (n,), in metres.
+        fingers: The fingers with the palm at home.
         withdrawn_radii: Radii for `HandGoalShaper`, shape (n,), in metres.
         p_HT: Fingertips at home, in A at yaw 0, shape (n, 3), in metres.
         azimuths: Azimuths of the fingertips at home, in A at yaw 0, shape (n,), in radians.
@@ -90,14 +78,20 @@ class HandModel:
             is_turned = isinstance(description.base, Carrier)
             X_WB = RigidTransform(X_LA.rotation(), np.zeros(3)) if is_turned else RigidTransform()
         self.X_WB = X_WB
-        self._finger_measures: dict[float, FingerMeasures] = {}
         self.diagram, self.instances = self._parse(warns=model is None)
         self.base = make_base(description.base, self.instances, X_LA, X_WB.translation())
         self.kinematics = self._kinematics(self.instances, REFERENCE.hand())
         self.tip_radii: FloatArray = np.array([tip.radius for tip in description.fingertips])
         self.fingers_home = self._place_fingers()
-        p_WT = self.tips_at(self.base.placed(self.fingers_home))
-        self.p_HT: FloatArray = (self.base.X_AW @ p_WT.T).T
+        self.fingers = HomeFingers(
+            self.kinematics,
+            self.diagram.scene_graph().model_inspector(),
+            self.base,
+            self.base.placed(self.fingers_home),
+            self.tip_radii,
+            offset=float(np.linalg.norm(X_LA.translation())),
+        )
+        self.p_HT = self.fingers.p_HT
         self.azimuths: FloatArray = np.arctan2(self.p_HT[:, 1], self.p_HT[:, 0])
         given = np.array([tip.withdrawn_radius for tip in description.fingertips])
         mean = np.mean(np.linalg.norm(self.p_HT[:, :2], axis=1))
@@ -220,124 +214,6 @@ class HandModel:
         p_LC = (p_OC - p_OCoM) @ R_WO.T
         p_AC: FloatArray = (p_LC - self.X_LA.translation()) @ self.X_LA.rotation().matrix()
         return p_AC
-
-    def workspace_gaps(self, p_HT: FloatArray, largest: float = np.inf) -> FloatArray:
-        """Returns how far places of each fingertip are from those that its joints reach.
-
-        It is 0 where they reach, and inf beyond the largest gap. Fingers with fewer than three
-        joints reach the places on a line or a surface. The carrier brings it to places beside, so
-        only the way along the joints' directions at home counts.
-
-        Args:
-            p_HT: Centres of each fingertip in A at yaw 0, shape (n, k, 3), in metres.
-            largest: Largest gap that is sought, in metres; the search is shorter for small ones.
-
-        Returns:
-            The gaps, shape (n, k), in metres.
-        """
-        gaps = []
-        for tree, step, chain, p in zip(
-            self.workspaces, self._steps, self.finger_chains, p_HT, strict=True
-        ):
-            bound = math.nextafter(step + largest, math.inf)  # Which is itself left out.
-            distances, _ = tree.query(chain.along(p), distance_upper_bound=bound)
-            gaps.append(np.maximum(0.0, distances - step))
-        return np.array(gaps)
-
-    def link_gaps(
-        self, finger: int, p_HT: FloatArray, distance: Callable[[FloatArray], FloatArray]
-    ) -> FloatArray:
-        """Returns the least gaps of a finger's links to an object, shape (k,), in metres.
-
-        Args:
-            finger: Index of the finger.
-            p_HT: Places of its tip in A at yaw 0, shape (k, 3), in metres.
-            distance: As for `FingerLinks.gaps`, in A at yaw 0.
-        """
-        return self._finger_links[finger].gaps(self.finger_chains[finger].along(p_HT), distance)
-
-    @cached_property
-    def _finger_links(self) -> list[FingerLinks]:
-        balls: list[list[tuple[int, FloatArray]]] = [[] for _ in self.finger_chains]
-        for link in self._balls_at_home(inner_balls):
-            balls[link.finger].append((link.joints, link.balls))
-        return [FingerLinks.of(*part) for part in zip(self.finger_chains, balls, strict=True)]
-
-    @cached_property
-    def _steps(self) -> list[float]:
-        gaps = [tree.query(tree.data, k=2)[0][:, 1] for tree in self.workspaces]
-        return [min(_LARGEST_STEP, 2 * float(np.quantile(gap, 0.9))) for gap in gaps]
-
-    @cached_property
-    def workspaces(self) -> list[cKDTree]:
-        """Places of each fingertip over the object, at evenly drawn positions of its joints."""
-        return [cKDTree(finger.tips(finger.samples())[0]) for finger in self.finger_chains]
-
-    @property
-    def opening(self) -> float:
-        """Largest distance of contacts between jaws, in metres; infinite without jaws."""
-        widths = [np.inf]
-        for pair in self.description.jaws:
-            both = [pair.first, pair.second]
-            line = np.subtract(*self.p_HT[both])
-            line /= np.linalg.norm(line)
-            first, second = (self.workspaces[i].data @ line for i in both)
-            widths.append(np.max(first) - np.min(second) - np.sum(self.tip_radii[both]))
-        return float(min(widths))
-
-    @cached_property
-    def finger_chains(self) -> list[FingerChain]:
-        """Kinematics of each finger in A, on the palm at home at yaw 0."""
-        hand, q, X_AW = self.kinematics, self.base.placed(self.fingers_home), self.base.X_AW
-        R_AW, p_AW = X_AW.rotation().matrix(), X_AW.translation()
-        w, v = np.split(R_AW @ hand.pose(q).screws.reshape(2, 3, -1), 2)
-        screws = np.concatenate([w[0], v[0] + np.cross(p_AW, w[0], axisb=0, axisc=0)]).T
-        own = [hand.own_joints(finger) for finger in range(len(self.azimuths))]
-        return [
-            FingerChain(screws[j], tip, q[j], hand.lower[j], hand.upper[j], hand.efforts[j])
-            for j, tip in zip(own, self.p_HT, strict=True)
-        ]
-
-    def finger_measures(self, surface: ObjectSurface) -> FingerMeasures:
-        """Returns the measures of the fingers around an object, in the palm's frame U.
-
-        U is the frame A turned with the palm. The palm is at home, and only the finger's own joints
-        count.
-
-        Args:
-            surface: Surface of the object.
-        """
-        farthest = np.max(np.linalg.norm(surface.p_OQ - surface.p_OCoM, axis=1)) + np.max(
-            self.tip_radii
-        )
-        radius = float(farthest + np.linalg.norm(self.X_LA.translation()))
-        if radius not in self._finger_measures:
-            self._finger_measures[radius] = FingerMeasures.around(radius, self.finger_chains)
-        return self._finger_measures[radius]
-
-    def side_depth(self, yaw: float) -> float:
-        """Returns how far fingers at home reach below the palm's axis, in metres.
-
-        Args:
-            yaw: Yaw of a palm from the side, in radians. At yaw 0, x of A points down.
-        """
-        p_HB, radii = self._finger_balls
-        down = p_HB[:, 0] * np.cos(yaw) - p_HB[:, 1] * np.sin(yaw)
-        return float(np.max(down + radii))
-
-    @cached_property
-    def _finger_balls(self) -> tuple[FloatArray, FloatArray]:
-        """Balls inside the links of fingers at home: centres in A at yaw 0, and radii."""
-        balls = np.concatenate([link.balls for link in self._balls_at_home(link_balls)])
-        return balls[:, :3], balls[:, 3]
-
-    def _balls_at_home(self, balls_of: BallFunction) -> Iterator[LinkBalls]:
-        """Yields the balls of the links of fingers at home, in A at yaw 0."""
-        hand, inspector = self.kinematics, self.diagram.scene_graph().model_inspector()
-        q = self.base.placed(self.fingers_home)
-        for link in finger_balls(hand, inspector, self.tip_radii, q, balls_of):
-            centers, radii = np.split(link.balls, [3], axis=1)
-            yield link._replace(balls=np.column_stack([(self.base.X_AW @ centers.T).T, radii]))
 
     def separate_links(
         self, instances: HandInstances, scene_graph: SceneGraph

@@ -250,7 +250,7 @@ def _with_homes(
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, q)
     fingers = []
-    for chain, tip, own in zip(model.finger_chains, first.fingertips, names, strict=True):
+    for chain, tip, own in zip(model.fingers.chains, first.fingertips, names, strict=True):
         joints = [model.instances.joint(name, "fingertips") for name in own]
         p_WJ = [j.frame_on_child().CalcPoseInWorld(context).translation() for j in joints]
         origins = (model.base.X_AW @ np.array(p_WJ).T).T

@@ -111,13 +111,13 @@ def start_contacts_of(
     R_OA = R_OW @ hand.X_LA.rotation().matrix()
     p_OA = p_OCoM + R_OW @ hand.X_LA.translation()
 
-    measures = hand.finger_measures(surface) if np.any(limits.least_measures()) else None
+    measures = hand.fingers.measures(surface) if np.any(limits.least_measures()) else None
     yaw_range = hand.yaw_range(config.yaw_range)
     problem_at = partial(palm_problem, hand, config, poses, p_OCoM, table_height(fixed))
 
     def link_gaps(yaw: float, finger: int, p_OT: FloatArray) -> FloatArray:
         R_OU = R_OA @ yaw_matrix(yaw)
-        return hand.link_gaps(
+        return hand.fingers.link_gaps(
             finger, (p_OT - p_OA) @ R_OU, lambda p_UP: solid.distance(p_UP @ R_OU.T + p_OA)
         )
 
@@ -141,9 +141,9 @@ def start_contacts_of(
             least_fingers=forces.least_fingers,
             patch_radii=hand.description.patch_radii,
             pairs=tuple(limits.pairs),
-            opening=hand.opening - 2 * config.standoff,
+            opening=hand.fingers.opening(hand.description.jaws) - 2 * config.standoff,
             holds_palm=lambda yaw: not problem_at(yaw),
-            workspace_gaps=lambda yaw, p_OT, largest: hand.workspace_gaps(
+            workspace_gaps=lambda yaw, p_OT, largest: hand.fingers.workspace_gaps(
                 (p_OT - p_OA) @ R_OA @ yaw_matrix(yaw), largest
             ),
             link_gaps=link_gaps,
@@ -218,7 +218,7 @@ def _given_contacts(
     p_OC, has_room = make_room(surface, p_OC, constraints, up=R_OA[:, 2])
     p_OT = p_OC + hand.tip_radii[:, None] * surface.project(p_OC)[1]
     p_AT = hand.around_axis(p_OT, R_WO, p_OCoM) @ yaw_matrix(yaw)
-    reached = has_room & (hand.workspace_gaps(p_AT[:, None], 0.0)[:, 0] == 0)
+    reached = has_room & (hand.fingers.workspace_gaps(p_AT[:, None], 0.0)[:, 0] == 0)
     away = np.mean(np.linalg.norm(hand.p_HT - p_AT, axis=1))
     return StartContacts(p_OC, has_room, yaw, np.nan, float(np.sum(reached) - away))
 

@@ -147,7 +147,7 @@ def hand_page(model: HandModel) -> str:
         color, name = contact_color(finger), model.description.fingertips[finger].frame
         meshcat.SetObject(f"fingertips/{name}", Sphere(1.05 * radius), color)
         meshcat.SetTransform(f"fingertips/{name}", X_WA @ RigidTransform(p_HT))
-        reached = trimesh.convex.convex_hull(np.array(model.workspaces[finger].data))
+        reached = trimesh.convex.convex_hull(np.array(model.fingers.workspaces[finger].data))
         pale = Rgba(color.r(), color.g(), color.b(), _PALE)
         meshcat.SetTriangleMesh(
             f"reach/{name}", np.array(reached.vertices).T, np.array(reached.faces).T, pale

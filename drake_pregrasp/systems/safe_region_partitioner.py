@@ -110,7 +110,7 @@ class SafeRegionPartitioner(LeafSystem):
             `coordinates` (their number is k) are used; `PlannerConfig()` by default.
         surface: The object's surface.
         num_contacts: Number of contacts n.
-        finger_measures: Measures of the fingers in U, from `HandModel.finger_measures`; None if
+        finger_measures: Measures of the fingers in U, from `HomeFingers.measures`; None if
             neither a weight nor a limit needs them.
         kernels: Implementation of the labels; that of `default_kernels` by default.
 

@@ -24,7 +24,7 @@ from drake_pregrasp.simulation.scenario_file import load_resolved
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 
 R_TIP = HAND.tip_radii[0]
-MEASURES = HAND.finger_measures(CUBE)
+MEASURES = HAND.fingers.measures(CUBE)
 
 
 def drake_finger(hand, finger, q_own):
@@ -45,7 +45,7 @@ def drake_finger(hand, finger, q_own):
 @pytest.mark.parametrize("name", usable_hands())
 def test_chains_of_every_hand_move_as_in_drake(name):
     hand = made_hand(load_hand(f"package://drake_pregrasp/{name}.yaml"))
-    for finger, chain in enumerate(hand.finger_chains):
+    for finger, chain in enumerate(hand.fingers.chains):
         q = np.random.default_rng(finger).uniform(chain.lower, chain.upper, (20, len(chain.home)))
         tips, jacobians = chain.tips(q)
         for q_own, tip, J in zip(q, tips, jacobians, strict=True):
@@ -65,13 +65,15 @@ def test_chains_of_every_hand_move_as_in_drake(name):
 def test_links_pass_through_a_plate_between_fingertip_and_palm(height, passes):
     for finger, tip in enumerate(HAND.p_HT):
         plate = tip[2] + height
-        gaps = HAND.link_gaps(finger, tip[None], lambda p, z=plate: np.abs(p[:, 2] - z) - 0.001)
+        gaps = HAND.fingers.link_gaps(
+            finger, tip[None], lambda p, z=plate: np.abs(p[:, 2] - z) - 0.001
+        )
         assert (gaps[0] > 0.01) if passes else (gaps[0] < 0)
 
 
 def reached_candidates(finger):
     """Candidates that a finger reaches, and its exact postures there."""
-    chain, p_UT = HAND.finger_chains[finger], CUBE.p_OQ + R_TIP * CUBE.nhat_OQ
+    chain, p_UT = HAND.fingers.chains[finger], CUBE.p_OQ + R_TIP * CUBE.nhat_OQ
     q = chain.postures(p_UT)
     gaps = np.linalg.norm(chain.tips(q)[0] - p_UT, axis=1)
     inner = np.all((q > chain.lower + 0.2) & (q < chain.upper - 0.2), axis=1)
@@ -83,7 +85,7 @@ def reached_candidates(finger):
 @pytest.mark.parametrize("finger", [0, 2])
 def test_lattices_are_drakes_kinematics(finger):
     own, q = reached_candidates(finger)
-    chain, nhat = HAND.finger_chains[finger], CUBE.nhat_OQ[own]
+    chain, nhat = HAND.fingers.chains[finger], CUBE.nhat_OQ[own]
     tips = CUBE.p_OQ[own] + R_TIP * nhat
     *of_jacobian, joint_range, force = MEASURES.at(np.full(len(own), finger), tips, nhat).T
     J = np.array([drake_finger(HAND, finger, q_own)[1] for q_own in q])
@@ -105,8 +107,8 @@ def test_lattices_are_drakes_kinematics(finger):
 @pytest.mark.parametrize("name", ["five_finger_hand", "allegro_hand"])
 def test_measures_between_nodes_are_as_exact_as_stated(name):
     hand = made_hand(load_hand(f"package://drake_pregrasp/{name}.yaml"))
-    lattices, errors = FingerMeasures.around(0.12, hand.finger_chains), []
-    for finger, chain in enumerate(hand.finger_chains):
+    lattices, errors = FingerMeasures.around(0.12, hand.fingers.chains), []
+    for finger, chain in enumerate(hand.fingers.chains):
         tips = chain.tips(chain.samples())[0]
         tips = tips[np.linalg.norm(tips, axis=1) < 0.12][::5]
         reached, J = chain.tips(chain.postures(tips))
@@ -198,6 +200,6 @@ def test_a_limit_moves_start_contacts_to_where_fingers_are_able(approach, name, 
         nhat = surface.project(start.p_OC)[1][own]
         p_OT = start.p_OC[own] + hand.tip_radii[own, None] * nhat
         normals = nhat @ X_UO.rotation().matrix().T
-        values = hand.finger_measures(surface).at(own, (X_UO @ p_OT.T).T, normals)
+        values = hand.fingers.measures(surface).at(own, (X_UO @ p_OT.T).T, normals)
         smallest.append(values[:, FINGER_MEASURES.index(name)].min())
     assert smallest[0] < least <= smallest[1]

@@ -204,7 +204,7 @@ def test_the_palm_comes_from_the_side_where_it_cannot_from_above():
     assert np.all(start.p_OC[:, 2] < 0)
     # At home, the fingers clear the table.
     height = (scenario.X_WO @ scenario.hand.X_LA.translation())[2]
-    assert height > scenario.hand.side_depth(start.yaw)
+    assert height > scenario.hand.fingers.depth(start.yaw)
 
 
 @pytest.mark.slow

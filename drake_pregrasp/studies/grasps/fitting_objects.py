@@ -24,7 +24,7 @@ _HALF_TURN = np.radians(np.arange(0, 180, 5))  # Azimuths of an object's widths.
 def opening(hand: HandModel) -> tuple[float, float]:
     """Returns the least and the largest opening of a hand, in metres; see `FIT_IN_WORDS`."""
     contacts = []
-    for tip, places in zip(hand.description.fingertips, hand.workspaces, strict=True):
+    for tip, places in zip(hand.description.fingertips, hand.fingers.workspaces, strict=True):
         p_HT = places.data[np.abs(places.data[:, 2]) < _LEVEL]
         outward = p_HT * [1.0, 1.0, 0.0]
         outward /= np.linalg.norm(outward, axis=1, keepdims=True)

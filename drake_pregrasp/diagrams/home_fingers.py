@@ -1,0 +1,170 @@
+"""Fingers of a hand whose palm is at home: what they reach, and where their links are."""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
+
+import numpy as np
+from pydrake.geometry import SceneGraphInspector
+from scipy.spatial import cKDTree
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.contacts.contact_pairs import Pair
+from drake_pregrasp.diagrams.palm_base import PalmBase
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.regions.finger_measures import FingerChain, FingerLinks, FingerMeasures
+from drake_pregrasp.systems.hand_kinematics import HandKinematics
+from drake_pregrasp.systems.hand_scene import (
+    BallFunction,
+    LinkBalls,
+    finger_balls,
+    inner_balls,
+    link_balls,
+)
+
+_LARGEST_STEP = 0.012  # Largest distance to another place that a finger reaches, in metres.
+
+
+class HomeFingers:
+    """Fingers of a hand on its palm, which is at home at yaw 0. All places are in the frame A.
+
+    Args:
+        kinematics: Kinematics of the hand.
+        inspector: Inspector of the SceneGraph with the hand alone.
+        base: Carrier or arm of the palm.
+        home: Positions of all joints at home, shape (nq,).
+        tip_radii: Radii of the fingertips, shape (n,), in metres.
+        offset: Distance of the object's centre of mass from the palm's axis, in metres.
+
+    Attributes:
+        p_HT: Fingertips at home, shape (n, 3), in metres.
+        chains: Kinematics of each finger.
+    """
+
+    def __init__(
+        self,
+        kinematics: HandKinematics,
+        inspector: SceneGraphInspector,
+        base: PalmBase,
+        home: FloatArray,
+        tip_radii: FloatArray,
+        offset: float,
+    ) -> None:
+        self._kinematics, self._inspector = kinematics, inspector
+        self._X_AW, self._home = base.X_AW, home
+        self._tip_radii, self._offset = tip_radii, offset
+        self._measures: dict[float, FingerMeasures] = {}
+        pose = kinematics.pose(home)
+        self.p_HT: FloatArray = (self._X_AW @ pose.p_WT.T).T
+        R_AW, p_AW = self._X_AW.rotation().matrix(), self._X_AW.translation()
+        w, v = np.split(R_AW @ pose.screws.reshape(2, 3, -1), 2)
+        screws = np.concatenate([w[0], v[0] + np.cross(p_AW, w[0], axisb=0, axisc=0)]).T
+        limits = home, kinematics.lower, kinematics.upper, kinematics.efforts
+        own = [kinematics.own_joints(finger) for finger in range(len(self.p_HT))]
+        self.chains = [
+            FingerChain(screws[j], tip, *(limit[j] for limit in limits))
+            for j, tip in zip(own, self.p_HT, strict=True)
+        ]
+
+    @cached_property
+    def workspaces(self) -> list[cKDTree]:
+        """Places of each fingertip, at evenly drawn positions of the finger's own joints."""
+        return [cKDTree(chain.tips(chain.samples())[0]) for chain in self.chains]
+
+    def workspace_gaps(self, p_HT: FloatArray, largest: float = np.inf) -> FloatArray:
+        """Returns how far places of each fingertip are from those that its joints reach.
+
+        It is 0 where they reach, and inf beyond the largest gap. Fingers with fewer than three
+        joints reach the places on a line or a surface. The carrier brings it to places beside, so
+        only the way along the joints' directions at home counts.
+
+        Args:
+            p_HT: Centres of each fingertip, shape (n, k, 3), in metres.
+            largest: Largest gap that is sought, in metres; the search is shorter for small ones.
+
+        Returns:
+            The gaps, shape (n, k), in metres.
+        """
+        gaps = []
+        for tree, step, chain, p in zip(
+            self.workspaces, self._steps, self.chains, p_HT, strict=True
+        ):
+            bound = math.nextafter(step + largest, math.inf)  # Which is itself left out.
+            distances, _ = tree.query(chain.along(p), distance_upper_bound=bound)
+            gaps.append(np.maximum(0.0, distances - step))
+        return np.array(gaps)
+
+    def link_gaps(
+        self, finger: int, p_HT: FloatArray, distance: Callable[[FloatArray], FloatArray]
+    ) -> FloatArray:
+        """Returns the least gaps of a finger's links to an object, shape (k,), in metres.
+
+        Args:
+            finger: Index of the finger.
+            p_HT: Places of its tip, shape (k, 3), in metres.
+            distance: As for `FingerLinks.gaps`.
+        """
+        return self._links[finger].gaps(self.chains[finger].along(p_HT), distance)
+
+    def opening(self, jaws: Sequence[Pair]) -> float:
+        """Returns the largest distance of contacts between jaws, in metres; inf without jaws."""
+        widths = [np.inf]
+        for pair in jaws:
+            both = [pair.first, pair.second]
+            line = np.subtract(*self.p_HT[both])
+            line /= np.linalg.norm(line)
+            first, second = (self.workspaces[i].data @ line for i in both)
+            widths.append(np.max(first) - np.min(second) - np.sum(self._tip_radii[both]))
+        return float(min(widths))
+
+    def measures(self, surface: ObjectSurface) -> FingerMeasures:
+        """Returns the measures of the fingers around an object, in the palm's frame U.
+
+        U is the frame A turned with the palm. Only the finger's own joints count.
+
+        Args:
+            surface: Surface of the object.
+        """
+        farthest = np.max(np.linalg.norm(surface.p_OQ - surface.p_OCoM, axis=1)) + np.max(
+            self._tip_radii
+        )
+        radius = float(farthest + self._offset)
+        if radius not in self._measures:
+            self._measures[radius] = FingerMeasures.around(radius, self.chains)
+        return self._measures[radius]
+
+    def depth(self, yaw: float) -> float:
+        """Returns how far fingers reach below the axis of a palm from the side, in metres.
+
+        Args:
+            yaw: Yaw of the palm, in radians. At yaw 0, x of A points down.
+        """
+        p_HB, radii = self._outer_balls
+        down = p_HB[:, 0] * np.cos(yaw) - p_HB[:, 1] * np.sin(yaw)
+        return float(np.max(down + radii))
+
+    @cached_property
+    def _steps(self) -> list[float]:
+        gaps = [tree.query(tree.data, k=2)[0][:, 1] for tree in self.workspaces]
+        return [min(_LARGEST_STEP, 2 * float(np.quantile(gap, 0.9))) for gap in gaps]
+
+    @cached_property
+    def _links(self) -> list[FingerLinks]:
+        balls: list[list[tuple[int, FloatArray]]] = [[] for _ in self.chains]
+        for link in self._balls(inner_balls):
+            balls[link.finger].append((link.joints, link.balls))
+        return [FingerLinks.of(*part) for part in zip(self.chains, balls, strict=True)]
+
+    @cached_property
+    def _outer_balls(self) -> tuple[FloatArray, FloatArray]:
+        """Balls inside the links that touch their surfaces: centres, and radii."""
+        balls = np.concatenate([link.balls for link in self._balls(link_balls)])
+        return balls[:, :3], balls[:, 3]
+
+    def _balls(self, balls_of: BallFunction) -> Iterator[LinkBalls]:
+        links = finger_balls(
+            self._kinematics, self._inspector, self._tip_radii, self._home, balls_of
+        )
+        for link in links:
+            centers, radii = np.split(link.balls, [3], axis=1)
+            yield link._replace(balls=np.column_stack([(self._X_AW @ centers.T).T, radii]))
