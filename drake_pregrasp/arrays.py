@@ -33,6 +33,9 @@ _ASYMMETRY = 1e-9  # Share of the least variance by which a matrix may differ fr
 SLACK = 1e-6
 """Share of a period by which rounding may move a tick: k * period must not count as k - 1."""
 
+TIME_ROUNDING = 1e-9
+"""Seconds by which rounding may set the time of a tick too low or too high."""
+
 _NEVER = -(10**18)
 
 _I = np.eye(3)

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.contact_pairs import Pair
-from drake_pregrasp.diagrams.palm_base import PalmBase
+from drake_pregrasp.diagrams.palm_base import CarrierOrArm
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.finger_measures import FingerChain, FingerLinks, FingerMeasures
 from drake_pregrasp.systems.hand_kinematics import HandKinematics
@@ -45,7 +45,7 @@ class HomeFingers:
         self,
         kinematics: HandKinematics,
         inspector: SceneGraphInspector,
-        base: PalmBase,
+        base: CarrierOrArm,
         home: FloatArray,
         tip_radii: FloatArray,
         offset: float,

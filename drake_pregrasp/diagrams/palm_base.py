@@ -205,12 +205,12 @@ class PalmArm:
         return turned_frame(p_WL, self._X_LA, yaw) @ self.X_AP
 
 
-PalmBase = PalmCarrier | PalmArm
+CarrierOrArm = PalmCarrier | PalmArm
 
 
 def make_base(
     config: BaseConfig, hand: HandInstances, X_LA: RigidTransform, p_WB: FloatArray
-) -> PalmBase:
+) -> CarrierOrArm:
     """Returns the base that a description names in a model."""
     if isinstance(config, Carrier):
         return PalmCarrier(config, hand, X_LA, p_WB)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.arrays import TIME_ROUNDING, BoolArray, FloatArray
 from drake_pregrasp.grasping.grasp_state import (
     NOT_BLOCKED,
     RELEASE_SHARE,
@@ -184,7 +184,7 @@ def _track(
         return replace(waiting, reason=GiveUp.OBJECT_UNSEEN, detail=0.0)
     if state.reason == GiveUp.OBJECT_UNSEEN:
         state = replace(state, reason=GiveUp.NONE, detail=0.0)
-    waited = view.time - max(state.asked, state.since) >= settings.gate_limit - 1e-9
+    waited = view.time - max(state.asked, state.since) >= settings.gate_limit - TIME_ROUNDING
     late = np.where(view.active, view.distances, 0.0)
     is_late = bool(np.any(late > settings.gate_distance))
     if is_late and not waited:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, norms, pack, unpacker
+from drake_pregrasp.arrays import TIME_ROUNDING, BoolArray, FloatArray, norms, pack, unpacker
 
 BASE = -1
 """Value in place of a finger's index for the palm with its carrier or arm."""
@@ -222,7 +222,7 @@ class Ramp:
 
     def is_over(self, time: float) -> bool:
         """Returns whether the change is over at a time in seconds, up to rounding."""
-        return time >= self.start + self.duration - 1e-9
+        return time >= self.start + self.duration - TIME_ROUNDING
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, norms
+from drake_pregrasp.arrays import TIME_ROUNDING, BoolArray, FloatArray, norms
 from drake_pregrasp.grasping.grasp_state import GraspPhase
 
 LARGEST_MM, LARGEST_DEG = 5.0, 5.0
@@ -107,7 +107,7 @@ def held_measures(
         shakes: Whether the object is shaken after the hold.
     """
     has_met = np.logical_or.accumulate(ticks.phase > GraspPhase.APPROACH)
-    is_commanded = has_met & (ticks.time >= close_at - 1e-9)
+    is_commanded = has_met & (ticks.time >= close_at - TIME_ROUNDING)
     parts = _parts(ticks, is_commanded, shakes=shakes)
     placed = 0 if is_carried else int(np.argmax(is_commanded))
     on_table = ticks.X_WG if falls else ticks.X_WD, placed
@@ -121,7 +121,7 @@ def held_measures(
         found[f"turned_{part}_deg"] = float(np.max(deg[during])) if known else None
     gave_up = bool(np.any(is_commanded & (ticks.phase == GraspPhase.BACK_OFF)))
     lasted = ticks.time[-1] - ticks.since[-1]
-    is_over = shakes and ticks.phase[-1] == GraspPhase.HOLD and lasted >= SHAKE_END - 1e-9
+    is_over = shakes and ticks.phase[-1] == GraspPhase.HOLD and lasted >= SHAKE_END - TIME_ROUNDING
     held = False if gave_up or part_moved(found) else True if is_over else None
     return {"held": held, **found, **_drift(ticks, p_OCoM, parts["hold"])}
 
@@ -142,14 +142,14 @@ def part_moved(measures: Mapping[str, float | None]) -> str | None:
 def _parts(ticks: GraspTicks, is_commanded: BoolArray, *, shakes: bool) -> dict[str, BoolArray]:
     """Returns which ticks are in each of the `PARTS`, in their order."""
     holds, lasted = ticks.phase == GraspPhase.HOLD, ticks.time - ticks.since
-    shaken = holds & (lasted >= HOLD_DURATION - 1e-9) & shakes
+    shaken = holds & (lasted >= HOLD_DURATION - TIME_ROUNDING) & shakes
     return {
         "before": ~is_commanded,
         "closing": is_commanded & (ticks.phase <= GraspPhase.CLOSE),
         "squeeze": ticks.phase == GraspPhase.SQUEEZE,
         "lift": ticks.phase == GraspPhase.LIFT,
         "hold": holds & ~shaken,
-        "shake": shaken & (lasted <= SHAKE_END + 1e-9),
+        "shake": shaken & (lasted <= SHAKE_END + TIME_ROUNDING),
     }
 
 

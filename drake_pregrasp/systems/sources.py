@@ -22,7 +22,7 @@ from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 from scipy.spatial.distance import pdist
 
-from drake_pregrasp.arrays import FloatArray, tick_index
+from drake_pregrasp.arrays import TIME_ROUNDING, FloatArray, tick_index
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.recorded_poses import RecordedPoses
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
@@ -205,7 +205,7 @@ class ContactWeights(LeafSystem):
             return self._weights
         time, losses = context.get_time(), np.zeros(len(self._weights))
         for at, contacts, step in self._changes:
-            losses[contacts] += step * (time >= at - 1e-9)  # A tick's time may be rounded down.
+            losses[contacts] += step * (time >= at - TIME_ROUNDING)
         weights = np.where(losses > 0, -np.inf, self._weights)
         if self._capability is None:
             return weights
@@ -246,8 +246,8 @@ class CloseCommand(LeafSystem):
         context.get_mutable_numeric_parameter(self._time).SetFromVector([time])
 
     def _calc_close(self, context: Context) -> float:
-        # A tick's time may be rounded down.
-        return float(context.get_time() >= context.get_numeric_parameter(self._time)[0] - 1e-9)
+        at = context.get_numeric_parameter(self._time)[0]
+        return float(context.get_time() >= at - TIME_ROUNDING)
 
 
 class HandFramePose(LeafSystem):

@@ -21,7 +21,7 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.arrays import TIME_ROUNDING, BoolArray, FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.contacts.selection_input import ContactStatus
@@ -224,7 +224,7 @@ class StationaryHand(_GoalsWithoutPlanner):
         return X_WO.translation() + p_OC @ R_WO.T, normals @ R_WO.T, met
 
     def _targets(self, context: Context) -> Mapping[int, RigidTransform]:
-        if context.get_time() >= context.get_numeric_parameter(self._time)[0] - 1e-9:
+        if context.get_time() >= context.get_numeric_parameter(self._time)[0] - TIME_ROUNDING:
             points, normals, met = self._contacts(context)
             fingers = np.flatnonzero(met)
             return _goals_at(fingers.tolist(), points[fingers], normals[fingers])

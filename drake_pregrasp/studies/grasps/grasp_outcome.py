@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drake_pregrasp.arrays import TIME_ROUNDING
 from drake_pregrasp.config.object_config import Conveyor, is_free_flight
 from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState, describe_give_up
@@ -115,7 +116,7 @@ def grasp_outcome(
         shakes=resolved.scenario.grasp.shake,
     )
     held = motion.pop("held") is True
-    closing = np.flatnonzero((time >= close_at - 1e-9) & (phases == GraspPhase.CLOSE))
+    closing = np.flatnonzero((time >= close_at - TIME_ROUNDING) & (phases == GraspPhase.CLOSE))
     begun = time[closing[0]] if len(closing) else time[-1]
     on_object, on_surroundings, on_hand = np.max([r.link_forces for r in records], axis=0).tolist()
     withdrawn = [sum(s <= 0 and s != ContactStatus.LOST for s in each) for each in statuses]

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 from pydrake.systems.framework import Context, DiagramBuilder, System
 
+from drake_pregrasp.arrays import TIME_ROUNDING
 from drake_pregrasp.diagrams.grasping_hand import GoalInputs
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
 from drake_pregrasp.grasping.held_criterion import SHAKE_END
@@ -101,7 +102,7 @@ class GraspTrial:
 
     def track(self, until: float) -> None:
         """Tracks the object until a time in seconds, which is a tick of the planner."""
-        while self.context.get_time() < until - 1e-9:
+        while self.context.get_time() < until - TIME_ROUNDING:
             self._advance()
             self.statuses.append(self._status())
 
@@ -109,7 +110,7 @@ class GraspTrial:
         """Closes the hand, simulates until the end of the shake or a failure, returns the state."""
         self.command(self.context, close_at)
         phase, lasted = GraspPhase.TRACK, 0.0
-        while phase != GraspPhase.BACK_OFF and lasted < SHAKE_END - 1e-9:
+        while phase != GraspPhase.BACK_OFF and lasted < SHAKE_END - TIME_ROUNDING:
             self._advance()
             record = self.records[-1]
             phase, since, *_ = record.report
