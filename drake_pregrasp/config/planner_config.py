@@ -112,12 +112,8 @@ class EstimatorConfig:
     # Seconds in which the correlation of the displacement falls to 1/e.
     bias_time: float = field(default=30.0, metadata={"above": 0, "at_most": 1e6})
 
-    # Whether fingertips measure the pose: those that press touch the surface, others are outside.
+    # Whether fingertips measure the pose: those that touch are on the surface, others outside.
     touch: bool = True
-
-    # Least force of a fingertip that counts as touching the surface, in newtons. The hand itself
-    # closes with `grasp.touch_force`.
-    touch_force: float = field(default=0.2, metadata={"above": 0, "at_most": 1000})
 
     # Standard deviation of the distance of something that touches from the surface, in metres.
     touch_std: float = field(default=0.001, metadata=_STD | POSITION_NOISE)

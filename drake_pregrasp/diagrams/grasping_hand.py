@@ -157,7 +157,7 @@ def add_grasping_hand(
     connect(builder, source, "fingertip_targets contact_status", controller)
     connect(builder, planning, "X_WO_estimated V_WO_estimated tracking_status", controller)
     connect(builder, planning, "p_WO_covariance", controller)
-    connect(builder, controller, "hold_contacts V_WO_held X_WU p_WT f_T_W", planning)
+    connect(builder, controller, "hold_contacts V_WO_held X_WU p_WT touching", planning)
     if planner.limits.reach:
         connect(builder, controller, "X_WH", planning)
     return GraspingHand(controller, planning)

@@ -47,6 +47,7 @@ class HandController(Diagram):
         - hold_contacts
         - grasp_report
         - V_WO_held
+        - touching
         - X_WU
         - catch_certificate
 
@@ -58,8 +59,8 @@ class HandController(Diagram):
     and `f_T_W` (`FingertipSensor`), `X_WG` and `grasp_report` (`GraspSequencer`), and
     `catch_certificate` (`InterceptionPlanner`). The planner may use `X_WH` and `X_WU`
     (`HandGoalShaper`) for the reach and the measures of the fingers, `hold_contacts`
-    (`GraspSequencer`), which holds its goals while the hand grasps, and `V_WO_held`
-    (`GraspSequencer`), so that its estimate follows the object that the hand moves.
+    (`GraspSequencer`), which holds its goals while the hand grasps, and `V_WO_held`, `p_WT` and
+    `touching`, so that its estimate follows the object that the hand moves and touches.
 
     In a control tick, `InterceptionPlanner` plans the meeting with the object while the hand
     approaches. `GraspSequencer` decides on the phase and what it commands, `HandGoalShaper`
@@ -249,6 +250,6 @@ def _connect(
     export_outputs(builder, sensor, "p_WT f_T_W")
     export_outputs(builder, sequencer, "X_WG")
     export_outputs(builder, shaper, "X_WH")
-    export_outputs(builder, sequencer, "hold_contacts grasp_report V_WO_held")
+    export_outputs(builder, sequencer, "hold_contacts grasp_report V_WO_held touching")
     export_outputs(builder, shaper, "X_WU")
     export_outputs(builder, interception, "catch_certificate")

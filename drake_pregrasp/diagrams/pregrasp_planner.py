@@ -34,7 +34,7 @@ class PregraspPlanner(Diagram):
         - V_WO_held
         - point_cloud
         - p_WT
-        - f_T_W
+        - touching
         - finger_coordinates
         - candidate_coordinates
         - X_WU
@@ -55,7 +55,7 @@ class PregraspPlanner(Diagram):
         - camera_offset
 
     The ports are those of the systems inside, which document them: `X_WO_measured`,
-    `measurement_time`, `V_WO_held`, `point_cloud`, `p_WT` and `f_T_W` (all optional),
+    `measurement_time`, `V_WO_held`, `point_cloud`, `p_WT` and `touching` (all optional),
     `X_WO_estimated`, `V_WO_estimated`, `p_WO_covariance`, `tracking_status`,
     `time_since_measurement`, `measurement_verdict`, `innovation_squared` and `camera_offset` of
     `PoseEstimator`; `contact_weights`, `obstacles`, `X_WH`, `finger_coordinates`,
@@ -151,7 +151,7 @@ def _connect(
     export_inputs(builder, "X_WO_measured measurement_time", estimator)
     export_inputs(builder, "contact_weights obstacles X_WH", partitioner)
     export_inputs(builder, "hold_contacts", selector)
-    export_inputs(builder, "V_WO_held point_cloud p_WT f_T_W", estimator)
+    export_inputs(builder, "V_WO_held point_cloud p_WT touching", estimator)
     export_inputs(builder, "finger_coordinates candidate_coordinates X_WU", partitioner)
     export_outputs(builder, selector, "p_WC contact_status fingertip_targets")
     export_outputs(builder, estimator, "X_WO_estimated V_WO_estimated p_WO_covariance")

@@ -28,6 +28,7 @@ from drake_pregrasp.geometry.mesh_solid import MeshSolid
 _PASSES = 2  # Linearizations of the distances.
 _GATE = 9.0  # Squared Mahalanobis distance up to which something touches: three deviations.
 _VAGUE = 9e-4  # Variance of a distance, in m², besides the offset's, with which all is likely.
+_LARGEST_TURN = 0.2  # Standard deviation of a turn up to which distances are linear, in radians.
 _NEAR = 0.004  # Distance within the margin of the grid, in metres.
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -106,7 +107,8 @@ def felt(
 
     Residual and Jacobian are those at the pose predicted for that time; what the motion may change
     until then adds to the noise. A contact is left out if it is more than three standard deviations
-    from the prediction, or if the prediction is too vague to tell.
+    from the prediction, or if the prediction is too vague to tell. A turn that no measurement has
+    shown, such as that of a can about its axis, is left as it is: distances are not linear in it.
 
     Args:
         belief: Belief before, at its time.
@@ -117,10 +119,13 @@ def felt(
     """
     prior, after = merge(belief), belief
     Q = process_noise(noise, dt)[:, :6, :6]
+    turns, axes = np.linalg.eigh(prior.P[0, :3, :3])
+    known = axes * (turns < _LARGEST_TURN**2) @ axes.T
     for _ in range(_PASSES):
         mean = merge(after)
         R_WO, p_WCoM, _ = predicted_mean(mean, dt, noise.gravity)
         e, J, std = contacts.residuals(R_WO, p_WCoM)
+        J[:, :3] = J[:, :3] @ known
         H = J @ transitions(mean, dt, noise)[0, :6]
         R = J @ Q @ J.T + np.diag(std**2)
         R_at, x = mean.R_WO[0], coordinates(mean, mean.R_WO[0])

@@ -27,9 +27,9 @@ a centimetre off."""
 DAMPING = 1e-4
 """Information that bounds a step, in units of the assumed noise of a measured pose."""
 
-_LEAST_SHARE = 0.001
+_LEAST_SHARE = 0.005
 # Share of the information of a measured pose below which it counts as none. The facets of a round
-# mesh, which the object does not have, tell a turn about its axis with less than a thousandth.
+# mesh, which the object does not have, tell a turn about its axis with up to two thousandths.
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +47,10 @@ class SurfacePoints:
     radius: FloatArray
     std: FloatArray
     is_bound: BoolArray
+
+    def chosen(self, which: BoolArray) -> "SurfacePoints":
+        """Returns the points of a mask, shape (N,)."""
+        return SurfacePoints(*(values[which] for values in vars(self).values()))
 
     @staticmethod
     def seen(p_WQ: FloatArray, std: float) -> "SurfacePoints":

@@ -68,6 +68,7 @@ class GraspSequencer(LeafSystem):
         - hold_contacts
         - grasp_report
         - V_WO_held
+        - touching
 
     Port `close` accepts a vector of 1: above 0.5, the hand must close and stay closed. NaN keeps
     the last command. The hand closes once enough fingers are active and at their goals, and can
@@ -121,6 +122,9 @@ class GraspSequencer(LeafSystem):
 
     Port `V_WO_held` emits a `SpatialVelocity`: that with which the hand moves O in W while the
     fingers hold the object, as it is commanded, and not as `V_WO_estimated` has it; else NaN.
+
+    Port `touching` emits a vector of n: 1 for each fingertip that touches the object, as of the
+    last tick, else 0. Before the hand closes, forces are those that accelerate the fingers.
 
     Args:
         config: Configuration of the grasp; `GraspConfig()` by default.
@@ -197,6 +201,7 @@ class GraspSequencer(LeafSystem):
         output("hold_contacts", 1, self._calc_hold, self.time_ticket(), grasp, self._approach)
         output("grasp_report", 4, self._calc_report, grasp)
         output("V_WO_held", ports.VELOCITY, self._held.calc_velocity, motion)
+        output("touching", n, lambda c: grasp.Eval(c).touched.astype(float), grasp)
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._advance)
 
     def state(self, context: Context) -> GraspState:

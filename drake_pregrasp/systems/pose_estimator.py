@@ -85,7 +85,7 @@ class PoseEstimator(LeafSystem):
         - V_WO_held
         - point_cloud
         - p_WT
-        - f_T_W
+        - touching
         output_ports:
         - X_WO_estimated
         - V_WO_estimated
@@ -117,9 +117,9 @@ class PoseEstimator(LeafSystem):
     a direction that they do not observe keeps its uncertainty. Points of other bodies hardly count.
     Without a pose to start from, at first and after a loss, they are registered (`register_pose`).
 
-    Ports `p_WT` and `f_T_W` (optional, of the same size) accept vectors of 3n: the fingertips'
-    centres in W, in metres, and the forces that they press with, in W, in newtons. With `touch`
-    of `config`, they measure the pose without the offset of cameras (`felt`).
+    Ports `p_WT` and `touching` (optional) accept a vector of 3n, the fingertips' centres in W, in
+    metres, and a vector of n, which is above 0 for each fingertip that touches the object. With
+    `touch` of `config`, they measure the pose without the offset of cameras (`felt`).
 
     Port `X_WO_estimated` emits a `RigidTransform`: the estimated pose.
 
@@ -213,8 +213,8 @@ class PoseEstimator(LeafSystem):
         self._V_WO_held = self.DeclareAbstractInputPort("V_WO_held", VELOCITY)
         self._point_cloud = self.DeclareAbstractInputPort("point_cloud", CLOUD)
         self._tip_radii = np.zeros(0) if tip_radii is None else tip_radii
-        size = 3 * len(self._tip_radii)
-        self._tips = [self.DeclareVectorInputPort(name, size) for name in ("p_WT", "f_T_W")]
+        sizes = {"p_WT": 3 * len(self._tip_radii), "touching": len(self._tip_radii)}
+        self._tips = [self.DeclareVectorInputPort(name, size) for name, size in sizes.items()]
         self._declare_results()
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store_track)
 
@@ -344,9 +344,7 @@ class PoseEstimator(LeafSystem):
                 belief = boosted(belief, dV, (last_tick + time) / 2)
         if status == TrackingStatus.LOST:  # The pose stays where it was lost.
             since = track.confirmed_at + self._period + config.lost_after - belief.time
-        gravity = self._noise.gravity
-        if gravity and self._is_held(context):
-            gravity = 0.0
+        gravity = 0.0 if self._is_held(context) else self._noise.gravity
         R_WO, p_WCoM, V_WO = predicted_mean(belief, self._ahead(since), gravity)
         p_CoMO_W = -R_WO @ self._p_OCoM
         if not max(np.abs(p_WCoM + p_CoMO_W).max(), np.abs(V_WO).max()) <= FARTHEST:
@@ -373,14 +371,13 @@ class PoseEstimator(LeafSystem):
         return np.concatenate([belief.b_W, belief.P[0, 12:, 12:]], axis=None)
 
     def _touching(self, context: Context) -> SurfacePoints:
-        """Returns the fingertips: those that press touch the surface, the others are outside."""
+        """Returns the fingertips: those that do not touch the surface are outside."""
         if not (self._config.touch and all(port.HasValue(context) for port in self._tips)):
             return SurfacePoints.seen(np.zeros((0, 3)), 0.0)
-        p_WT, f_T_W = (port.Eval(context).reshape(-1, 3) for port in self._tips)
-        known = are_valid_points(p_WT) & are_valid_points(f_T_W)
-        is_bound = np.linalg.norm(f_T_W[known], axis=1) < self._config.touch_force
-        std = np.full(len(is_bound), self._config.touch_std)
-        return SurfacePoints(p_WT[known], self._tip_radii[known], std, is_bound)
+        p_WT, touching = (port.Eval(context) for port in self._tips)
+        p_WT, std = p_WT.reshape(-1, 3), np.full(len(touching), self._config.touch_std)
+        tips = SurfacePoints(p_WT, self._tip_radii, std, touching <= 0)
+        return tips.chosen(are_valid_points(p_WT) & np.isfinite(touching))
 
     def _is_held(self, context: Context) -> bool:
         port = self._V_WO_held

@@ -219,3 +219,18 @@ def test_the_hand_and_the_filter_do_not_correct_the_same_error_twice(estimated_f
     assert np.linalg.norm(error) < 2e-3  # Smaller gaps are left out.
     was_felt = estimated_from < 120
     assert (np.linalg.norm(offset[:2]) < 2e-3) == was_felt
+
+
+def test_contacts_do_not_turn_what_no_picture_has_shown_to_turn():
+    """The facets of a can would turn it about its axis, and the touch would not tell the offset."""
+    mesh = trimesh.creation.cylinder(0.04, 0.11, sections=32)
+    part = np.diag([1.0, 1, 0, 1, 1, 1])  # All but the turn about the axis.
+    upright = PoseMeasurement(0.0, PLACE + BIAS, np.eye(3), part)
+    belief = first_belief(upright, NOISE)
+    for azimuth in (0.13, 1.4):  # Near the edges of facets.
+        n = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+        touch = replace(tips(SIDES[:1]), p_WQ=(PLACE + (0.04 + RADIUS) * n)[None])
+        can = Contacts(MeshSolid.of(mesh), np.zeros(3), touch, False, CONFIG.touch_std)
+        after = merged(felt(belief, 0.0, can, NOISE))
+        np.testing.assert_allclose(after.R_WO[0], np.eye(3), atol=1e-4)
+        assert after.b_W[0] @ n == pytest.approx(BIAS @ n, abs=1e-3)

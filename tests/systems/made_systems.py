@@ -259,6 +259,7 @@ VALUES = {
     "contacts": (np.append(CONTACTS, np.ones(N)), np.append(-CONTACTS, np.ones(N))),
     "p_WT": (ring(0.05 + RADIUS + 0.02).ravel(), (ring(0.05) + 0.01).ravel()),
     "f_T_W": (np.full(3 * N, 2.0), np.zeros(3 * N)),
+    "touching": (np.ones(N), np.zeros(N)),
     "J_WT": (np.zeros(3 * N * NQ), np.ones(3 * N * NQ)),
     "inertial_torque": (np.zeros(NQ), np.ones(NQ)),
     "hand_state": (np.zeros(2 * NQ), np.full(2 * NQ, 0.1)),
@@ -267,9 +268,9 @@ VALUES = {
 
 
 UNCONNECTED = {
-    "estimator": {"point_cloud", "p_WT", "f_T_W"},
+    "estimator": {"point_cloud", "p_WT", "touching"},
     "estimator of points": {"X_WO_measured"},
-    "planner": {"point_cloud", "p_WT", "f_T_W"},
+    "planner": {"point_cloud", "p_WT", "touching"},
 }
 """Ports in whose place another one is connected."""
 

@@ -175,7 +175,6 @@ def test_touches_correct_what_a_camera_with_a_wrong_place_shows():
     X_WO, bias = RigidTransform([0.1, 0.05, 0.03]), np.array([0.004, -0.003, 0.005])
     points = cloud(seen_at(X_WO) + bias)
     p_WT = X_WO @ np.array([[0.059, 0, 0], [0, 0.049, 0], [0.3, 0, 0]]).T
-    pressed = np.array([[-1.0, 0, 0], [0, -1.0, 0], [0, 0, 0]])
     for touch, left in ((True, [0, 0, 0]), (False, [*bias[:2], 0])):
         config = dp.EstimatorConfig(bias_std=0.005, rests_on_table=True, touch=touch)
         radii = np.full(3, 0.009)
@@ -183,7 +182,7 @@ def test_touches_correct_what_a_camera_with_a_wrong_place_shows():
             dp.PoseEstimator(config, period=0.05, object_solid=SOLID, tip_radii=radii),
             point_cloud=points,
             p_WT=p_WT.T.ravel(),
-            f_T_W=pressed.ravel(),
+            touching=[1.0, 1.0, 0.0],
         )
         estimator.tick(20)
         error = estimator.eval("X_WO_estimated").translation() - X_WO.translation()
@@ -201,11 +200,11 @@ def test_fingertips_feed_through_only_where_they_count():
         config = dp.EstimatorConfig(touch=touch, bias_std=bias_std)
         radii = np.full(3, 0.009)
         system = dp.PoseEstimator(config, period=0.05, object_solid=SOLID, tip_radii=radii)
-        force = system.GetInputPort("f_T_W").get_index()
+        touching = system.GetInputPort("touching").get_index()
         fed[touch, bias_std] = {
             port.get_name()
             for port in map(system.get_output_port, range(system.num_output_ports()))
-            if system.HasDirectFeedthrough(force, port.get_index())
+            if system.HasDirectFeedthrough(touching, port.get_index())
         }
     assert not fed[False, 0.005]
     assert fed[True, 0.0] == {
