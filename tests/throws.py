@@ -17,6 +17,7 @@ SETTINGS = MeetingSettings(
     ),
     step=3.0 / NUM_TIMES,
     earliest=0.0,
+    lateness=0.3,
     follow=1.0,
     stop=0.3,
     height=0.1,
@@ -95,6 +96,7 @@ def random_throws(count, seed):
             with_limits(**bounds),
             grip=random.uniform(5, 40),
             follow=random.uniform(0.1, 0.8),
+            lateness=random.choice([-100.0, 0.3, 100.0]),
             step=random.uniform(0.003, 0.015),
         )
         yield np.array([x, v, a]), REST + random.normal(0, 0.1, (3, 3)), settings

@@ -47,6 +47,10 @@ class MeetingConfig:
     # Whether the motion of the object is predicted until the meeting; else it counts as resting.
     predicts: bool = True
 
+    # Cost of a second until the meeting, in units of the square of a share of a limit. If it is
+    # negative, later meetings cost less.
+    lateness: float = field(default=0.3, metadata={"at_least": -1e6, "at_most": 1e6})
+
 
 @dataclass
 class GraspConfig:

@@ -88,6 +88,7 @@ def meeting_settings(
         limits=limits,
         step=config.meeting.latest / NUM_TIMES,
         earliest=config.meeting.earliest,
+        lateness=config.meeting.lateness,
         follow=settings.closing_duration + settings.squeeze_duration,
         stop=settings.stop_duration,
         height=object_solid.highest(up) + object_solid.highest(-up),

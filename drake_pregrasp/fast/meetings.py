@@ -9,7 +9,6 @@ from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.grasping.interception import (
     CHECKS,
     DESCENTS,
-    LATENESS,
     MARGIN,
     NUM_TIMES,
     PERSISTENCE,
@@ -167,7 +166,7 @@ def write_possible(  # type: ignore[no-untyped-def]
         turn: Times of the extremes of its coordinates, shape (3,), in seconds.
         place: Coordinates then, shape (3,), in metres.
         tau: Times until the meetings, shape (times,), in seconds.
-        numbers: `earliest`, `follow`, `stop`, `grip`, `diffusion` and the variance.
+        numbers: `earliest`, `lateness`, `follow`, `stop`, `grip`, `diffusion` and the variance.
         lower: Smallest coordinates of the palm, shape (3,), in metres.
         upper: Largest coordinates of the palm, shape (3,), in metres.
         speed: Largest speeds, shape (3,), in m/s.
@@ -176,8 +175,8 @@ def write_possible(  # type: ignore[no-untyped-def]
         passed: Result: number of times that pass each of the checks, in order, shape (5,).
     """
     x, v, a = motion
-    earliest, follow, stop, grip, diffusion, variance = numbers
-    passed[:] = 0
+    earliest, lateness, follow, stop, grip, diffusion, variance = numbers
+    least, passed[:] = min(0.0, lateness * tau[-1]), 0
     for k in range(len(tau)):
         t, cost[k] = tau[k], np.inf
         here = room_at(x, v, a, t, lower, upper)
@@ -214,7 +213,7 @@ def write_possible(  # type: ignore[no-untyped-def]
         passed[4] += 1
         spread = math.sqrt(variance + diffusion * t * t * t)
         near = min(1.0, max(0.0, min(here, there) / MARGIN))
-        cost[k] = LATENESS * t + spread / TOLERANCE + 1 - near
+        cost[k] = lateness * t - least + spread / TOLERANCE + 1 - near
 
 
 @compiled(
@@ -331,8 +330,8 @@ def compiled_choose_meeting(
     step, limits = settings.step, settings.limits
     first, tau = meeting_times(now, step)
     bounds = limits.lower, limits.upper, limits.speed, limits.acceleration
-    numbers = np.array([settings.earliest, settings.follow, settings.stop, settings.grip])
-    numbers = np.append(numbers, [settings.diffusion, variance])
+    given = settings.earliest, settings.lateness, settings.follow, settings.stop, settings.grip
+    numbers = np.array([*given, settings.diffusion, variance])
     cost, passed = np.empty(NUM_TIMES), np.empty(len(CHECKS), dtype=np.int64)
     offset, motion = np.ascontiguousarray(offset), np.ascontiguousarray(motion)
     moving = motion, *turning_points(motion), tau

@@ -9,12 +9,11 @@ import numpy as np
 from drake_pregrasp.arrays import BoolArray, FloatArray, norms
 from drake_pregrasp.grasping.catch_limits import CatchLimit
 from drake_pregrasp.grasping.palm_paths import (
-    PEAK_ACCELERATION,
-    PEAK_SPEED,
     Meeting,
     PalmLimits,
     clear_times,
-    peaks,
+    descent_shares,
+    path_shares,
     turning_points,
 )
 
@@ -27,9 +26,6 @@ times."""
 
 RISES = np.array([0.0, 0.015, 0.03, 0.045, 0.06])
 """Heights above the lowest one at which the palm may be over the object, in metres."""
-
-LATENESS = 0.3
-"""Cost of a second until the meeting."""
 
 TOLERANCE = 0.01
 """Standard deviation of the object's position that costs 1, in metres."""
@@ -55,6 +51,8 @@ class MeetingSettings:
         limits: Limits of the palm.
         step: Time between meeting times that are compared, which are multiples of it.
         earliest: Least time until a meeting.
+        lateness: Cost of a second until the meeting; if it is negative, of a second less than the
+            last meeting time.
         follow: Time for which the hand moves with the object after the meeting, until it has
             gripped it.
         stop: Duration of the constant deceleration to rest after that.
@@ -69,6 +67,7 @@ class MeetingSettings:
     limits: PalmLimits
     step: float
     earliest: float
+    lateness: float
     follow: float
     stop: float
     height: float
@@ -197,12 +196,12 @@ def rest_limit(
     is_before = plan.over - now > _INSTANT
     begun, height = (np.array([plan.over - now]), plan.height) if is_before else (tau, 0.0)
     up = height * np.eye(3)[0]
-    shares = [_shares(offset[:, i], motion[:, i], begun, i, limits) for i in range(2)]
+    shares = [path_shares(offset[:, i], motion[:, i], begun, i, limits) for i in range(2)]
     end = begun if height else tau
-    shares.append(_shares(offset[:, 2] - up, motion[:, 2] + up, end, 2, limits))
+    shares.append(path_shares(offset[:, 2] - up, motion[:, 2] + up, end, 2, limits))
     if height:
         rates = np.abs(motion[1, 2] + np.append(begun, tau) * motion[2, 2])
-        shares.append(_descents(np.max(rates), height, tau - begun, motion[2, 2], limits))
+        shares.append(descent_shares(np.max(rates), height, tau - begun, motion[2, 2], limits))
     slow, weak, out = np.max(shares, axis=0)[:, 0]
     if out or _turn_outside(motion, begun, tau, limits, height)[0]:
         return CatchLimit.REACH
@@ -330,16 +329,16 @@ def _paths(
         travel.
     """
     limits, step, heights = settings.limits, settings.step, settings.height + RISES
-    level = [_shares(offset[:, axis], motion[:, axis], tau, axis, limits) for axis in range(2)]
-    direct = _shares(offset[:, 2], motion[:, 2], tau, 2, limits)
+    level = [path_shares(offset[:, axis], motion[:, axis], tau, axis, limits) for axis in range(2)]
+    direct = path_shares(offset[:, 2], motion[:, 2], tau, 2, limits)
     up = [np.array([height, 0.0, 0.0]) for height in heights]
-    raised = [_shares(offset[:, 2] - h, motion[:, 2] + h, tau, 2, limits) for h in up]
+    raised = [path_shares(offset[:, 2] - h, motion[:, 2] + h, tau, 2, limits) for h in up]
     sideways, over = np.max(level, axis=0), np.stack(raised, axis=2)
     earlier = np.arange(NUM_TIMES)[:, None] - DESCENTS
     begun, down = np.maximum(earlier, 0), step * DESCENTS[:, None]
     rates = np.abs(prediction.v_met[:, 2])  # The largest is at one of the ends of the descent.
     rates = np.maximum(rates[begun], rates[:, None])[:, :, None]
-    stops = _descents(rates, heights, down, motion[2, 2], limits)
+    stops = descent_shares(rates, heights, down, motion[2, 2], limits)
     passes = np.broadcast_to(direct[:, :, None, None], (*stops.shape[:3], 1))
     paths = np.concatenate([passes, stops], axis=3)
     paths[..., 1:] = np.maximum(paths[..., 1:], over[:, begun])
@@ -359,37 +358,6 @@ def _paths(
     return speed, acceleration, out > 0
 
 
-def _descents(
-    rate: FloatArray, height: FloatArray | float, duration: FloatArray, a: float, limits: PalmLimits
-) -> FloatArray:
-    """Returns shares of the limits of the palm's own axis on ways down to an object, as `_shares`.
-
-    Args:
-        rate: Largest speed of the object along this axis meanwhile, in m/s.
-        height: Height over the object at the start, in metres.
-        duration: Duration, in seconds.
-        a: Acceleration of the object along this axis, in m/s².
-        limits: Limits of the palm.
-    """
-    falls = (rate + PEAK_SPEED * height / duration) / limits.speed[2]
-    yields = (abs(a) + PEAK_ACCELERATION * height / duration**2) / limits.acceleration[2]
-    return np.array([falls, np.broadcast_to(yields, np.shape(falls)), np.zeros(np.shape(falls))])
-
-
-def _shares(
-    offset: FloatArray, motion: FloatArray, tau: FloatArray, axis: int, limits: PalmLimits
-) -> FloatArray:
-    """Returns shares of the limits of one axis on its paths, shape (3, times).
-
-    Returns:
-        Shares of the largest speed, of the largest acceleration, and 1 if a path leaves the travel.
-    """
-    found = peaks(offset, motion, tau)
-    beyond = (found.lowest < limits.lower[axis]) | (found.highest > limits.upper[axis])
-    speed, acceleration = limits.speed[axis], limits.acceleration[axis]
-    return np.array([found.speed / speed, found.acceleration / acceleration, beyond])
-
-
 def _cost_of_times(
     variance: float, tau: FloatArray, prediction: _Prediction, settings: MeetingSettings
 ) -> FloatArray:
@@ -397,5 +365,7 @@ def _cost_of_times(
     limits, both = settings.limits, np.stack([prediction.p_met, prediction.p_stopped])
     room = np.min(np.minimum(both - limits.lower, limits.upper - both), axis=(0, 2))
     spread = np.sqrt(variance + settings.diffusion * tau**3)
-    cost: FloatArray = LATENESS * tau + spread / TOLERANCE + 1 - np.clip(room / MARGIN, 0, 1)
+    late = settings.lateness * tau
+    late = late - min(0.0, late[-1])  # No cost is negative, as PERSISTENCE is a share of it.
+    cost: FloatArray = late + spread / TOLERANCE + 1 - np.clip(room / MARGIN, 0, 1)
     return cost

@@ -216,6 +216,37 @@ def peaks(offset: FloatArray, motion: FloatArray, durations: FloatArray) -> Peak
     return Peaks(speed, acceleration, np.min(place, axis=1) - slack, np.max(place, axis=1) + slack)
 
 
+def path_shares(
+    offset: FloatArray, motion: FloatArray, tau: FloatArray, axis: int, limits: PalmLimits
+) -> FloatArray:
+    """Returns shares of the limits of one axis on its paths, shape (3, times).
+
+    Returns:
+        Shares of the largest speed, of the largest acceleration, and 1 if a path leaves the travel.
+    """
+    found = peaks(offset, motion, tau)
+    beyond = (found.lowest < limits.lower[axis]) | (found.highest > limits.upper[axis])
+    speed, acceleration = limits.speed[axis], limits.acceleration[axis]
+    return np.array([found.speed / speed, found.acceleration / acceleration, beyond])
+
+
+def descent_shares(
+    rate: FloatArray, height: FloatArray | float, duration: FloatArray, a: float, limits: PalmLimits
+) -> FloatArray:
+    """Returns shares as `path_shares`, for ways down to an object along the palm's own axis.
+
+    Args:
+        rate: Largest speed of the object along this axis meanwhile, in m/s.
+        height: Height over the object at the start, in metres.
+        duration: Duration, in seconds.
+        a: Acceleration of the object along this axis, in m/s².
+        limits: Limits of the palm.
+    """
+    falls = (rate + PEAK_SPEED * height / duration) / limits.speed[2]
+    yields = (abs(a) + PEAK_ACCELERATION * height / duration**2) / limits.acceleration[2]
+    return np.array([falls, np.broadcast_to(yields, np.shape(falls)), np.zeros(np.shape(falls))])
+
+
 def clear_times(offset: FloatArray, durations: FloatArray, height: float) -> FloatArray:
     """Returns until when quintics to zero stay above a height, shape (k,), in seconds.
 

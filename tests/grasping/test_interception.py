@@ -246,6 +246,17 @@ def test_a_meeting_stays_while_the_object_moves_as_predicted():
     np.testing.assert_allclose(kept.offset_at(now), first.offset_at(now), atol=1e-6)
 
 
+def test_a_large_cost_of_time_selects_the_earliest_or_the_latest_meeting():
+    motion = on_belt(0.4, y=0.1)
+    first, usual, last = (
+        chosen(motion, settings=replace(SETTINGS, lateness=cost)).time for cost in (1e3, 0.3, -1e3)
+    )
+    assert first < usual < last
+    for moment in (first, usual, last):
+        after = replace(SETTINGS, earliest=moment + SETTINGS.step / 2)
+        assert (chosen(motion, settings=after).limit == CatchLimit.NONE) == (moment < last)
+
+
 def test_a_stop_ends_at_rest_where_it_says():
     palm = np.array([[0.1, 0.2, 0.3], [1.0, -0.5, 0.0], [2.0, 0.0, 1.0]])
     plan = Meeting.stopping(palm, 2.0, 0.4)
