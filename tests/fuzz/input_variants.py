@@ -105,7 +105,7 @@ _STAGES: dict[str, dict[str, Any]] = {
 }
 """Fields of the planner's configuration, by the names of the variants."""
 
-_OF_CAMERAS = ("point_cloud", "p_WT", "f_T_W")
+_OF_CAMERAS = ("point_cloud", "p_WT", "touching")
 _OF_COORDINATES = ("finger_coordinates", "candidate_coordinates")
 
 VARIANTS = (*_STAGES, "planner")
