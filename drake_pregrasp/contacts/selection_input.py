@@ -28,6 +28,7 @@ class ContactStatus(IntEnum):
         OBSTRUCTED, NEARLY_OBSTRUCTED: An obstacle, which is the cause.
         BEHIND_WALL, NEARLY_BEHIND_WALL: The candidates nearby are on the other side of a wall.
         APART_FROM_PARTNER: The goal is off its place beside the coupled contact, the cause.
+        TOO_LATE: The finger cannot be at its contact when the hand closes.
     """
 
     LOST = -1
@@ -44,6 +45,7 @@ class ContactStatus(IntEnum):
     BEHIND_WALL = -6
     NEARLY_BEHIND_WALL = 6
     APART_FROM_PARTNER = 7
+    TOO_LATE = -8
 
 
 def is_active(status: FloatArray) -> BoolArray:
@@ -82,6 +84,7 @@ _DESCRIPTIONS = {
     ContactStatus.BEHIND_WALL: "behind a wall",
     ContactStatus.NEARLY_BEHIND_WALL: "nearly behind a wall",
     ContactStatus.APART_FROM_PARTNER: "off its place beside contact {}",
+    ContactStatus.TOO_LATE: "too late for the closing",
 }
 
 

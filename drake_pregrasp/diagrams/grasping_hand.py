@@ -158,6 +158,7 @@ def add_grasping_hand(
     connect(builder, planning, "X_WO_estimated V_WO_estimated tracking_status", controller)
     connect(builder, planning, "p_WO_covariance", controller)
     connect(builder, controller, "hold_contacts V_WO_held X_WU p_WT touching", planning)
+    connect(builder, controller, "late_fingers", planning)
     if planner.limits.reach:
         connect(builder, controller, "X_WH", planning)
     return GraspingHand(controller, planning)

@@ -50,6 +50,7 @@ class HandController(Diagram):
         - touching
         - X_WU
         - catch_certificate
+        - late_fingers
 
     The ports are those of the systems inside, which document them. The planner is connected to
     `fingertip_targets`, `contact_status`, `X_WO_estimated`, `V_WO_estimated` and, optionally,
@@ -59,8 +60,9 @@ class HandController(Diagram):
     and `f_T_W` (`FingertipSensor`), `X_WG` and `grasp_report` (`GraspSequencer`), and
     `catch_certificate` (`InterceptionPlanner`). The planner may use `X_WH` and `X_WU`
     (`HandGoalShaper`) for the reach and the measures of the fingers, `hold_contacts`
-    (`GraspSequencer`), which holds its goals while the hand grasps, and `V_WO_held`, `p_WT` and
-    `touching`, so that its estimate follows the object that the hand moves and touches.
+    (`GraspSequencer`), which holds its goals while the hand grasps, `V_WO_held`, `p_WT` and
+    `touching`, so that its estimate follows the object that the hand moves and touches, and
+    `late_fingers`.
 
     In a control tick, `InterceptionPlanner` plans the meeting with the object while the hand
     approaches. `GraspSequencer` decides on the phase and what it commands, `HandGoalShaper`
@@ -253,3 +255,4 @@ def _connect(
     export_outputs(builder, sequencer, "hold_contacts grasp_report V_WO_held touching")
     export_outputs(builder, shaper, "X_WU")
     export_outputs(builder, interception, "catch_certificate")
+    export_outputs(builder, sequencer, "late_fingers")

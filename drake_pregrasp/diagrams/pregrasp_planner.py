@@ -38,6 +38,7 @@ class PregraspPlanner(Diagram):
         - finger_coordinates
         - candidate_coordinates
         - X_WU
+        - late_fingers
         output_ports:
         - p_WC
         - contact_status
@@ -59,7 +60,8 @@ class PregraspPlanner(Diagram):
     `X_WO_estimated`, `V_WO_estimated`, `p_WO_covariance`, `tracking_status`,
     `time_since_measurement`, `measurement_verdict`, `innovation_squared` and `camera_offset` of
     `PoseEstimator`; `contact_weights`, `obstacles`, `X_WH`, `finger_coordinates`,
-    `candidate_coordinates`, `X_WU` (all optional) and `safe_regions` of `SafeRegionPartitioner`;
+    `candidate_coordinates`, `X_WU`, `late_fingers` (all optional) and `safe_regions` of
+    `SafeRegionPartitioner`;
     `hold_contacts` (optional), `p_WC`, `contact_status`, `contact_causes`, `fingertip_targets` and
     `p_WC_previous` of `CentroidSelector`.
 
@@ -153,6 +155,7 @@ def _connect(
     export_inputs(builder, "hold_contacts", selector)
     export_inputs(builder, "V_WO_held point_cloud p_WT touching", estimator)
     export_inputs(builder, "finger_coordinates candidate_coordinates X_WU", partitioner)
+    export_inputs(builder, "late_fingers", partitioner)
     export_outputs(builder, selector, "p_WC contact_status fingertip_targets")
     export_outputs(builder, estimator, "X_WO_estimated V_WO_estimated p_WO_covariance")
     export_outputs(builder, partitioner, "safe_regions")

@@ -117,6 +117,17 @@ class Pace:
         slowed = np.minimum(stopping, self.speed) / np.maximum(fastest, 1e-12)
         return self.limited(v * np.minimum(1.0, slowed), v_last)
 
+    def least_times(self, distances: FloatArray) -> FloatArray:
+        """Returns the least times in which moving points come to rest at places, shape (n,).
+
+        Args:
+            distances: Distances of the places, shape (n,), in metres.
+        """
+        braking = self.speed**2 / (2 * self.acceleration)
+        slowing = np.sqrt(2 * np.clip(distances, 0.0, braking) / self.acceleration)
+        times: FloatArray = slowing + np.maximum(0.0, distances - braking) / self.speed
+        return times
+
     def has_arrived(self, way: FloatArray, v: FloatArray) -> bool:
         """Returns whether points rest at their places, up to rounding.
 

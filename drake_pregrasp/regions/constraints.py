@@ -50,6 +50,8 @@ class Limit(IntEnum):
     PARTNER = 6
     """The contact is off its place beside the coupled contact, which is the cause. It limits the
     goal and not the region."""
+    LATE = 7
+    """The finger cannot be at the contact in time."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,6 +22,7 @@ from drake_pregrasp.config.hand_description import Fingertip
 from drake_pregrasp.config.validation import checked
 from drake_pregrasp.geometry.rotations import skew
 from drake_pregrasp.geometry.solids import SignedDistance
+from drake_pregrasp.grasping.fingertip_paths import Pace
 from drake_pregrasp.grasping.grasp_phases import GraspView, next_state
 from drake_pregrasp.grasping.grasp_state import (
     BASE,
@@ -69,6 +70,7 @@ class GraspSequencer(LeafSystem):
         - grasp_report
         - V_WO_held
         - touching
+        - late_fingers
 
     Port `close` accepts a vector of 1: above 0.5, the hand must close and stay closed. NaN keeps
     the last command. The hand closes once enough fingers are active and at their goals, and can
@@ -126,6 +128,9 @@ class GraspSequencer(LeafSystem):
     Port `touching` emits a vector of n: 1 for each fingertip that touches the object, as of the
     last tick, else 0. Before the hand closes, forces are those that accelerate the fingers.
 
+    Port `late_fingers` emits a vector of n: 1 for a finger that cannot be at its contact when the
+    hand closes, which is `gate_limit` after the meeting at the latest; else 0.
+
     Args:
         config: Configuration of the grasp; `GraspConfig()` by default.
         fingertips: Fingertips of the hand, with their radii and limits for closing.
@@ -163,6 +168,7 @@ class GraspSequencer(LeafSystem):
         self._palm_axis, self._lift_axis = palm_axis, config.lift_axis
         self._in_air, self._fall = gravity > 0, -gravity * _UP
         self._solid, self._efforts = object_solid, np.empty(0) if efforts is None else efforts
+        self._pace = Pace(config.goal_speed, config.tip_acceleration, config.period)
         self._radius = np.array([tip.radius for tip in fingertips])
         self._patch_radii = np.array([tip.patch_radius for tip in fingertips])
         first = GraspState.first(n, self._settings)
@@ -202,6 +208,7 @@ class GraspSequencer(LeafSystem):
         output("grasp_report", 4, self._calc_report, grasp)
         output("V_WO_held", ports.VELOCITY, self._held.calc_velocity, motion)
         output("touching", n, lambda c: grasp.Eval(c).touched.astype(float), grasp)
+        output("late_fingers", n, self._calc_late, command, self._p_WT)
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._advance)
 
     def state(self, context: Context) -> GraspState:
@@ -258,6 +265,16 @@ class GraspSequencer(LeafSystem):
         arrives = state.phase == GraspPhase.APPROACH and left <= self._settings.closing_duration
         return [float(state.holds_contacts or arrives)]
 
+    def _calc_late(self, context: Context) -> FloatArray:
+        state: GraspState = self._grasp.Eval(context)
+        met = state.since
+        if state.phase == GraspPhase.APPROACH:
+            met = float(self._approach.Eval(context)[0])
+        left = max(met, state.asked) + self._settings.gate_limit - context.get_time()
+        away = norms(self._tip_goals(context) - self._tips(context)) - self._settings.gate_distance
+        is_late = self._pace.least_times(away) > left
+        return np.asarray(is_late & (state.phase <= GraspPhase.TRACK), dtype=float)
+
     def _calc_X_WG(self, context: Context) -> RigidTransform:
         command: GraspCommand = self._command.Eval(context)
         return RigidTransform(RotationMatrix(command.R_WG), command.p_WG)
@@ -276,6 +293,12 @@ class GraspSequencer(LeafSystem):
         p_WT = validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
         command: GraspCommand = self._command.Eval(context)
         return np.asarray((p_WT - command.p_WG) @ command.R_WG)
+
+    def _tip_goals(self, context: Context) -> FloatArray:
+        """Returns the goals of the fingertips' centres in G, shape (n, 3), in metres."""
+        p_OC, nhat, _ = self._contact_frames(context)
+        state: GraspState = self._grasp.Eval(context)
+        return np.asarray(p_OC + (self._radius + state.standoffs)[:, None] * nhat)
 
     def _advance(self, context: Context, discrete_state: DiscreteValues) -> None:
         state: GraspState = self._grasp.Eval(context)
@@ -297,7 +320,7 @@ class GraspSequencer(LeafSystem):
                 p_CoMT_W = (p_GT - self._p_OCoM) @ command.R_WG.T
                 normals_W = normals @ command.R_WG.T
                 rows = np.column_stack([normals_W[:, :2], np.cross(p_CoMT_W, normals_W)[:, 2]])
-        p_GT_goal = p_OC + (self._radius + state.standoffs)[:, None] * nhat
+        p_GT_goal = self._tip_goals(context)
         distances = norms(p_GT_goal - p_GT)
         close = float(self._close.Eval(context)[0])
         blocked = NOT_BLOCKED

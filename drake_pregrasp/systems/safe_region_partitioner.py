@@ -24,7 +24,7 @@ from drake_pregrasp.geometry.rotations import rotation_matrix
 from drake_pregrasp.geometry.sampling import lifted
 from drake_pregrasp.geometry.solids import BallSolid
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.regions.constraints import UNCONSTRAINED, Obstacles, RegionConstraints
+from drake_pregrasp.regions.constraints import UNCONSTRAINED, Limit, Obstacles, RegionConstraints
 from drake_pregrasp.regions.coordinates import GIVEN, QUANTITIES
 from drake_pregrasp.regions.finger_measures import FINGER_MEASURES, FingerMeasures
 from drake_pregrasp.regions.finger_reach import FingerReach
@@ -62,6 +62,7 @@ class SafeRegionPartitioner(LeafSystem):
         - finger_coordinates
         - candidate_coordinates
         - X_WU
+        - late_fingers
         output_ports:
         - safe_regions
 
@@ -100,6 +101,10 @@ class SafeRegionPartitioner(LeafSystem):
     Port `X_WU` (optional) accepts a `RigidTransform`: the pose in W of the palm's frame U, in which
     the fingers' measures are given. If the port is unconnected, U is H. If the pose is invalid,
     the fingers can reach nothing.
+
+    Port `late_fingers` (optional) accepts a vector of n: above 0.5 for a finger that cannot be at
+    its contact in time. It has no region, and its candidates belong to the others. If the port is
+    unconnected, no finger is late.
 
     Port `safe_regions` emits `SafeRegions` over the surface's candidate points. With `p_WC`
     connected to `p_WC_previous` of `CentroidSelector`, the regions at a tick change with the
@@ -187,6 +192,7 @@ class SafeRegionPartitioner(LeafSystem):
             self, "candidates of Eq. 1", self._own, self._calc_candidates, values
         )
         self._X_WU = self.DeclareAbstractInputPort("X_WU", ports.POSE)
+        self._late = self.DeclareVectorInputPort("late_fingers", n)
         model, inputs = AbstractValue.Make(self._no_regions()), self.all_input_ports_ticket()
         ports.declare_output(self, "safe_regions", model, self._calc_regions, inputs)
 
@@ -229,6 +235,10 @@ class SafeRegionPartitioner(LeafSystem):
         p_OC = (X_OW @ p_WC.T).T
         if not (valid := are_valid_points(p_OC)).all():
             p_OC[~valid], weights[~valid] = 0.0, -np.inf
+        is_late = np.zeros(self._num_contacts, dtype=bool)
+        if self._late.HasValue(context):
+            is_late = (self._late.Eval(context) > 0.5) & (weights > -np.inf)
+            weights[is_late] = -np.inf
         constraints = UNCONSTRAINED
         if not self._is_unlimited or self._obstacles.HasValue(context):
             constraints = self._constraints(context, X_WO, X_OW, p_OC)
@@ -240,7 +250,11 @@ class SafeRegionPartitioner(LeafSystem):
         if is_known is not None:
             c = np.hstack([c, self._coordinates(context, p_OC, points, is_known)])
         forbidden = self._surface.forbidden
-        return compute_safe_regions(points, c, weights, forbidden, constraints, label=label)
+        regions = compute_safe_regions(points, c, weights, forbidden, constraints, label=label)
+        if not is_late.any():
+            return regions
+        limits = np.where(is_late, int(Limit.LATE), regions.limits)
+        return replace(regions, lost=regions.lost & ~is_late, limits=limits)
 
     def _constraints(
         self, context: Context, X_WO: RigidTransform, X_OW: RigidTransform, p_OC: FloatArray

@@ -248,6 +248,7 @@ VALUES = {
     "p_WC": (in_world(P_OC).ravel(), in_world(OTHER).ravel()),
     "contact_status": (np.ones(N), np.array([1.0, 1, 1, 1, 0])),
     "hold_contacts": ([0.0], [1.0]),
+    "late_fingers": (np.zeros(N), np.array([0.0, 1, 0, 0, 0])),
     "fingertip_targets": (bus(ring(0.05), RING), bus(ring(0.06), RING)),
     "goals": (
         hand_goals(ring(0.08), p_WL=X_G.translation()),

@@ -86,6 +86,24 @@ def test_contacts_are_held_for_the_last_part_of_the_approach():
         assert hand.array("hold_contacts")[0] == held
 
 
+@pytest.mark.parametrize(
+    ("close", "meeting", "is_late"),
+    [(1.0, 0.3, 1), (1.0, 0.8, 0), (1.0, np.inf, 0), (0.0, 0.3, 0)],
+)
+def test_a_finger_is_late_if_it_cannot_be_there_when_the_hand_closes(close, meeting, is_late):
+    hand = sequencer_over(AT_TABLE)
+    way = 0.6 + SETTINGS.gate_distance  # It takes more than 2 s, and the hand waits for 1.5 s.
+    away = np.zeros((N, 3))
+    away[1] = way * AT_TABLE.rotation().matrix() @ RING[1]
+    p_WT = tips_at(AT_TABLE, SETTINGS.standoff) + away.ravel()
+    hand.fix(close=[close], p_WT=p_WT, approach=[meeting, *np.full(6, np.nan)])
+    hand.tick()
+    np.testing.assert_array_equal(hand.array("late_fingers"), [0, is_late, 0, 0, 0])
+    hand.fix(p_WT=tips_at(AT_TABLE, SETTINGS.standoff))
+    hand.advance(0.5)
+    np.testing.assert_array_equal(hand.array("late_fingers"), 0)
+
+
 def test_fingers_that_have_touched_keep_touching_and_all_together_carry_the_weight():
     hand = sequencer_over(AT_TABLE)
     nhat_W = RING @ AT_TABLE.rotation().matrix().T

@@ -9,6 +9,8 @@ from pydrake.multibody.math import SpatialVelocity
 from selections import joined
 
 import drake_pregrasp as dp
+from drake_pregrasp.contacts.goal_limits import hold_contacts
+from drake_pregrasp.contacts.selection_input import ContactStatus, SelectionInput
 from drake_pregrasp.regions.constraints import Limit
 from drake_pregrasp.regions.coordinates import weight_share
 from drake_pregrasp.regions.safe_regions import NO_REGION, compute_safe_regions, safe_region_labels
@@ -97,6 +99,17 @@ def test_reach_limits_the_regions_of_its_finger(surface, p_OC):
     assert np.mean(regions.labels != expected) < 0.01
     away = partition(surface, p_OC, {"X_WH": RigidTransform([9.0, 0, 0])}, reach=reach)
     assert (away.sizes()[3], away.limits[3]) == (0, Limit.REACH)
+
+
+def test_a_late_finger_has_no_region_and_its_status_says_why(surface, p_OC):
+    lost = partition(surface, p_OC, {"contact_weights": [0, -np.inf, 0, 0, 0]})
+    late = partition(surface, p_OC, {"late_fingers": [0, 1, 0, 0, np.nan]})
+    np.testing.assert_array_equal(late.labels, lost.labels)
+    np.testing.assert_array_equal(late.limits == Limit.LATE, [0, 1, 0, 0, 0])
+    held = hold_contacts(SelectionInput(surface, p_OC, late, np.eye(3)))
+    assert held.status[1] == ContactStatus.TOO_LATE
+    both = {"contact_weights": [0, -np.inf, 0, 0, 0], "late_fingers": np.ones(N)}
+    np.testing.assert_array_equal(partition(surface, p_OC, both).lost, [0, 1, 0, 0, 0])
 
 
 @pytest.mark.parametrize("arguments", [{"clearance": 0.02}, {"tip_radii": [0.02] * N}])

@@ -37,6 +37,7 @@ _LIMITS = {
     ContactStatus.OBSTRUCTED: "obstructed",
     ContactStatus.NO_ALLOWED_SURFACE: "no allowed surface",
     ContactStatus.BEHIND_WALL: "no allowed surface",
+    ContactStatus.TOO_LATE: "fingers too late",
     ContactStatus.LOST: "no reach",  # Fingers without a place stay away from the start.
 }
 
