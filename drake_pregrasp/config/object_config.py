@@ -293,7 +293,10 @@ class Push:
 
 @dataclass
 class PoseStream:
-    """Recorded poses of the object, from a camera or another program."""
+    """Recorded poses of the object, from a camera or another program.
+
+    With a hand, a person moves the object along them, and hands it over.
+    """
 
     # CSV file with the header time,x,y,z,qw,qx,qy,qz: seconds, metres and a unit quaternion, the
     # pose of the object O in W; or an MCAP file, or the folder of a rosbag2 (extra `interfaces`). A

@@ -41,11 +41,13 @@ from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.geometry.solids import BoxSolid, HalfSpace, Solid
 from drake_pregrasp.resources import resource_folder
+from drake_pregrasp.systems.giver import Giver
 from drake_pregrasp.systems.mujoco_model import mujoco_substeps
 from drake_pregrasp.systems.mujoco_plant import MujocoPlant
 from drake_pregrasp.systems.object_shake import ObjectShake
 from drake_pregrasp.systems.sources import BodyPose, MovingSolid, ObjectMotion, PoseReplay
 from drake_pregrasp.systems.tossed_body import TossedBody
+from drake_pregrasp.visualization.drawing import draw_giver
 
 DRAKE, MUJOCO = ENGINES = ("drake", "mujoco")
 """Names of the engines that simulate a plant."""
@@ -106,7 +108,8 @@ def add_moving_object(
         friction: Coulomb's coefficient of the object.
         obstacles: Obstacles that are bodies.
         add_more: Function that adds more models to the plant, such as a hand. A pusher then moves
-            back after the push, so that it leaves them room.
+            back after the push, so that it leaves them room, and an object with recorded poses is
+            a body that they can take (`Giver`).
         separate_more: Function that filters collisions of these models in the finalized plant.
         holds_pose: Whether the pose of a time step is held until the next one (`BodyPose`), for
             ticks whose times equal those of time steps only up to rounding.
@@ -116,7 +119,7 @@ def add_moving_object(
     Raises:
         InvalidArgumentError: If MuJoCo is chosen but not installed.
     """
-    if isinstance(motion, PoseStream):
+    if isinstance(motion, PoseStream) and add_more is None:
         return _add_replay(builder, shape, mass, motion, plant_config)
     if engine == DRAKE:
         plant, scene_graph = AddMultibodyPlant(plant_config, builder)
@@ -143,6 +146,8 @@ def add_moving_object(
         solids = [o.solid for o in obstacles if not np.any(o.velocity)]
         solids += [TABLE_TOP] if motion.table else []
         forces.append(_add_tossed_body(builder, plant, body, motion, shape.mesh, solids, friction))
+    elif isinstance(motion, PoseStream):
+        forces.append(_add_giver(builder, plant, scene_graph, body, motion, shape.mesh))
     for name, (instance, drive) in drives.items():
         builder.AddNamedSystem(name, drive)
         builder.Connect(drive.get_output_port(), dynamics.get_desired_state_input_port(instance))
@@ -156,7 +161,7 @@ def add_moving_object(
 
 
 def _add_drives(
-    plant: MultibodyPlant, motion: Conveyor | Push | Toss, *, retreat: float
+    plant: MultibodyPlant, motion: MotionConfig, *, retreat: float
 ) -> dict[str, tuple[ModelInstanceIndex, ObjectMotion]]:
     """Adds what carries or pushes the object; returns its model and its motion, by system name."""
     if isinstance(motion, Conveyor):
@@ -167,7 +172,7 @@ def _add_drives(
     if isinstance(motion, Push):
         profile = VelocityProfile(push_profile(motion, retreat))
         return {"object_motion": (_add_pusher(plant, motion), ObjectMotion(profile))}
-    if motion.table:
+    if isinstance(motion, Toss) and motion.table:
         add_model(plant, "table.sdf")
     return {}
 
@@ -225,6 +230,26 @@ def _add_tossed_body(
     builder.AddNamedSystem("tossed_body", tossed)
     connect(builder, plant, "body_poses body_spatial_velocities", tossed)
     return tossed
+
+
+def _add_giver(
+    builder: DiagramBuilder,
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    body: RigidBody,
+    motion: PoseStream,
+    mesh: trimesh.Trimesh,
+) -> Giver:
+    """Adds what moves a body along recorded poses."""
+    poses = motion.read()
+    giver = Giver(plant, body, poses)
+    builder.AddNamedSystem("giver", giver)
+    connect(builder, plant, "body_poses body_spatial_velocities", giver)
+    source, frame = draw_giver(scene_graph, mesh)
+    replay = builder.AddNamedSystem("giver_poses", PoseReplay(poses, frame))
+    geometry_pose = replay.GetOutputPort("geometry_pose")
+    builder.Connect(geometry_pose, scene_graph.get_source_pose_port(source))
+    return giver
 
 
 def _add_sum_of_forces(builder: DiagramBuilder, sources: Sequence[System]) -> OutputPort:

@@ -5,7 +5,7 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 
 from drake_pregrasp.config.grasp_config import ABOVE, SIDE, GraspConfig
 from drake_pregrasp.config.hand_description import Carrier, HandDescription
-from drake_pregrasp.config.object_config import PoseStream, Toss, is_free_flight
+from drake_pregrasp.config.object_config import Toss, is_free_flight
 from drake_pregrasp.diagrams import start_grasp
 from drake_pregrasp.diagrams.approaches import least_side_height
 from drake_pregrasp.diagrams.feasibility import travel_problem
@@ -35,9 +35,6 @@ def grasp_problems(
     if not grasp.meeting.earliest <= grasp.meeting.latest:
         problem = f"{grasp.meeting.earliest} must be at most latest, {grasp.meeting.latest}"
         yield "grasp.meeting.earliest", problem
-    if isinstance(scenario.motion, PoseStream):
-        problem = "recorded poses move the object in no plant, so no hand can lift it"
-        yield "motion", f"{problem}; choose another motion, or no hand"
     in_air = is_free_flight(scenario.motion)
     if in_air and not grasp.meeting.wait_at:
         problem = "must be true for a hand that starts over the object"

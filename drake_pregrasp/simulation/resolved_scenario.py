@@ -88,10 +88,14 @@ class ResolvedScenario:
         return len(self.start.p_OC)
 
     @property
+    def _has_plant(self) -> bool:
+        """Whether a plant moves the object. Without a hand, recorded poses need none."""
+        return self.hand is not None or not isinstance(self.scenario.motion, PoseStream)
+
+    @property
     def obstacle_bodies(self) -> list[MovingSolid]:
-        """Obstacles that are bodies; none if the motion is recorded, because it has no plant."""
-        simulated = not isinstance(self.scenario.motion, PoseStream)
-        return [moving_solid(o) for o in self.scenario.obstacles if o.body and simulated]
+        """Obstacles that are bodies; none if there is no plant."""
+        return [moving_solid(o) for o in self.scenario.obstacles if o.body and self._has_plant]
 
     @property
     def seen_solid(self) -> MeshSolid | None:
@@ -106,8 +110,9 @@ class ResolvedScenario:
     @property
     def no_touch_volumes(self) -> list[MovingSolid]:
         """Obstacles that are no bodies."""
-        recorded = isinstance(self.scenario.motion, PoseStream)
-        return [moving_solid(o) for o in self.scenario.obstacles if not o.body or recorded]
+        return [
+            moving_solid(o) for o in self.scenario.obstacles if not (o.body and self._has_plant)
+        ]
 
     @property
     def obstacle_names(self) -> dict[int, str]:

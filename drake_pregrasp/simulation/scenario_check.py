@@ -381,7 +381,7 @@ def engine_problems(scenario: Scenario) -> Problems:
     """Yields the reasons why an engine other than Drake cannot simulate a scenario."""
     if scenario.engine == MUJOCO:
         if isinstance(scenario.motion, PoseStream):
-            yield "engine", f"{MUJOCO} simulates nothing if the poses are recorded; leave it out"
+            yield "engine", f"{MUJOCO} moves no object along recorded poses; leave it out"
         with errors_at("engine"):
             import_mujoco()
 

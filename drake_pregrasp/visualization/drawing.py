@@ -1,7 +1,20 @@
 """Colours and solids for pictures and Meshcat."""
 
 import numpy as np
-from pydrake.geometry import Box, Rgba, Shape, Sphere
+import trimesh
+from pydrake.geometry import (
+    Box,
+    Cylinder,
+    FrameId,
+    GeometryFrame,
+    GeometryInstance,
+    MakePhongIllustrationProperties,
+    Rgba,
+    SceneGraph,
+    Shape,
+    SourceId,
+    Sphere,
+)
 from pydrake.math import RigidTransform, RotationMatrix
 
 from drake_pregrasp.arrays import FloatArray
@@ -39,6 +52,27 @@ def drawn_solid(solid: Solid) -> tuple[Shape, RigidTransform]:
     R_FP = RotationMatrix.MakeFromOneVector(solid.normal, axis_index=2)
     X_FP = RigidTransform(R_FP, solid.point - _DEPTH * solid.normal)
     return Box(_PLATE, _PLATE, _THICKNESS), X_FP
+
+
+def draw_giver(scene_graph: SceneGraph, mesh: trimesh.Trimesh) -> tuple[SourceId, FrameId]:
+    """Draws a small plate below an object for the hand of a person who hands it over.
+
+    Args:
+        scene_graph: SceneGraph in which the plate is registered; nothing collides with it.
+        mesh: Mesh of the object in O.
+
+    Returns:
+        Source and frame of the plate, whose pose is that of O.
+    """
+    source, frame = scene_graph.RegisterSource("giver"), GeometryFrame("giver")
+    scene_graph.RegisterFrame(source, frame)
+    low, high = mesh.bounds
+    x, y, _ = (low + high) / 2
+    plate = Cylinder(float(np.min(high - low)) / 4, _THICKNESS)
+    drawn = GeometryInstance(RigidTransform([x, y, low[2] - _THICKNESS / 2]), plate, "plate")
+    drawn.set_illustration_properties(MakePhongIllustrationProperties(BODY_COLOR))
+    scene_graph.RegisterGeometry(source, frame.id(), drawn)
+    return source, frame.id()
 
 
 def camera_pose(p_FT: FloatArray, p_TK_F: FloatArray) -> RigidTransform:

@@ -32,7 +32,7 @@ from drake_pregrasp.studies.grasps.baseline_goals import (
 from drake_pregrasp.systems.mujoco_plant import MujocoPlant
 
 CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)))
-SCENARIOS = ("toss", "pose_stream", "reach", "passing_ball", "see_and_grasp")
+SCENARIOS = ("toss", "pose_stream", "reach", "passing_ball", "see_and_grasp", "catch_handed_over")
 """Scenarios whose diagrams hold all systems but those of studies and arms."""
 
 
