@@ -14,7 +14,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.hand_description import Arm
-from drake_pregrasp.config.object_config import Conveyor
+from drake_pregrasp.config.object_config import Conveyor, Toss
 from drake_pregrasp.diagrams.expected_path import expected_path
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_station import HandStation
@@ -188,6 +188,9 @@ def camera_view(
         p_LA = hand.X_LA @ np.array([0.0, 0.0, above + has_arm * _ARM_RAISED])
         direction = _ARM_CAMERA if has_arm else _HAND_CAMERA
     path = expected_path(motion, duration, resolved.shape)
+    if isinstance(motion, Toss) and motion.table and grasp.meeting.wait_at:
+        # It slides or rolls on, perhaps as far as to the hand.
+        path = np.append(path, [resolved.X_WO_waiting @ resolved.shape.p_OCoM], axis=0)
     shown = _SHOWN_WAY * extent
     share = follows * (1 - shown / np.maximum(np.ptp(path, axis=0), shown))
     if live and isinstance(motion, Conveyor):
