@@ -24,12 +24,9 @@ SCALES = (0.02, 0.01, 0.005, 0.005, 0.005, 0.005)
 """Scale c of the weights in each iteration, in metres. The first ones let a start converge that is
 a centimetre off."""
 
-DAMPING = 1e-4
-"""Information that bounds a step, in units of the assumed noise of a measured pose."""
-
-_LEAST_SHARE = 0.005
-# Share of the information of a measured pose below which it counts as none. The facets of a round
-# mesh, which the object does not have, tell a turn about its axis with up to two thousandths.
+LEAST_SHARE = 0.005
+"""Share of the information of a measured pose below which it counts as none. The facets of a round
+mesh, which the object does not have, tell a turn about its axis with up to two thousandths."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +85,7 @@ def align_pose(
     std: FloatArray,
     scales: tuple[float, ...] = SCALES,
 ) -> Alignment:
-    """Returns the pose to which Gauss-Newton steps lead; unobserved directions hardly change.
+    """Returns the pose to which Gauss-Newton steps lead; unobserved directions do not change.
 
     Args:
         grid: Signed distances of the object in O.
@@ -98,13 +95,26 @@ def align_pose(
         std: Assumed standard deviations of a measured pose (theta, p), shape (6,), as units.
         scales: Scale of the weights in each step, in metres.
     """
-    damping = np.diag(DAMPING / std**2)
     for scale in scales:
         H, e, w, _ = _residuals(grid, points, R_WO, p_WO, scale)
-        x = np.asarray(np.linalg.solve((H.T * w) @ H + damping, -(H.T * w) @ e), dtype=float)
+        x = observed_step((H.T * w) @ H, (H.T * w) @ e, std)
         R_WO, p_WO = rotation_matrix(x[:3]) @ R_WO, p_WO + x[3:]
     H, _, w, fits = _residuals(grid, points, R_WO, p_WO, scales[-1])
     return Alignment(R_WO, p_WO, (H.T * w) @ H, fits)
+
+
+def observed_step(information: FloatArray, slope: FloatArray, std: FloatArray) -> FloatArray:
+    """Returns the Gauss-Newton step in the directions that points observe, shape (6,).
+
+    Args:
+        information: Hᵀ w H, shape (6, 6).
+        slope: Hᵀ w e, shape (6,).
+        std: Assumed standard deviations of a measured pose (theta, p), shape (6,), as units.
+    """
+    squares, axes = np.linalg.eigh(information * std * std[:, None])
+    along = -(axes.T @ (slope * std)) / np.where(squares < LEAST_SHARE, np.inf, squares)
+    step: FloatArray = std * (axes @ along)
+    return step
 
 
 def _residuals(
@@ -135,7 +145,7 @@ def measured_part(time: float, found: Alignment, std: FloatArray) -> PoseMeasure
     squares, axes = np.linalg.eigh(found.information * std * std[:, None])
     shares = np.maximum(squares, 0.0)
     shares = shares / (1 + shares)
-    root = np.sqrt(np.where(shares < _LEAST_SHARE, 0.0, shares))[:, None] * axes.T
+    root = np.sqrt(np.where(shares < LEAST_SHARE, 0.0, shares))[:, None] * axes.T
     # The lower triangular root of the same information: the first rows are those of orientation.
     lower = np.linalg.qr(root[:, ::-1])[1][::-1, ::-1]
     return PoseMeasurement(time, found.p_WO, found.R_WO, lower * std[:, None] / std)

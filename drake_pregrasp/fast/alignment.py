@@ -1,20 +1,21 @@
 """Compiled Gauss-Newton steps of a pose to points on the surface of an object."""
 
-import math
-
 import numpy as np
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.estimation.surface_alignment import (
-    DAMPING,
     SCALES,
     Alignment,
     SurfacePoints,
+    observed_step,
 )
 from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.fast.distances import write_distance
 from drake_pregrasp.fast.pose_steps import multiply, rotate
 from drake_pregrasp.geometry.distance_grid import DistanceGrid
+
+
+step_observed = compiled()(observed_step)
 
 
 @compiled()
@@ -69,36 +70,12 @@ def write_information(  # type: ignore[no-untyped-def]
     return fits
 
 
-@compiled()
-def write_solution(A, b):  # type: ignore[no-untyped-def]
-    """Writes the solution of A x = b in place of b, by Cholesky's factor in place of A.
-
-    Args:
-        A: Positive definite matrix, shape (n, n).
-        b: Right side, shape (n,).
-    """
-    n = len(b)
-    for i in range(n):
-        for j in range(i + 1):
-            total = A[i, j]
-            for k in range(j):
-                total -= A[i, k] * A[j, k]
-            A[i, j] = math.sqrt(total) if i == j else total / A[j, j]
-        for k in range(i):
-            b[i] -= A[i, k] * b[k]
-        b[i] /= A[i, i]
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            b[i] -= A[k, i] * b[k]
-        b[i] /= A[i, i]
-
-
 @compiled(
     "f8(f8[:,::1], i8[::1], f8[::1], f8, f8[:,::1], f8[::1], f8[::1], b1[::1], f8[::1], f8[::1],"
     " f8[:,::1], f8[::1], f8[:,::1])"
 )
 def write_alignment(  # type: ignore[no-untyped-def]
-    nodes, counts, low, cell, p_WQ, radius, std, is_bound, damping, scales, R, p, information
+    nodes, counts, low, cell, p_WQ, radius, std, is_bound, units, scales, R, p, information
 ):
     """Moves a pose to points on a surface, as `align_pose`, and returns the sum of the weights.
 
@@ -111,7 +88,7 @@ def write_alignment(  # type: ignore[no-untyped-def]
         radius: Distances from the surface.
         std: Standard deviations of these.
         is_bound: Whether these are bounds.
-        damping: Information on each component of a step, shape (6,).
+        units: Assumed standard deviations of a measured pose (theta, p), shape (6,).
         scales: Scale of the weights in each step, shape (k,), in metres.
         R: Orientation, changed in its place, shape (3, 3).
         p: Position, changed in its place, shape (3,), in metres.
@@ -121,15 +98,12 @@ def write_alignment(  # type: ignore[no-untyped-def]
     for step in range(len(scales)):
         own = p_WQ, radius, std, is_bound, R, p, scales[step], information, slope
         write_information(nodes, counts, low, cell, *own)
-        for i in range(6):
-            information[i, i] += damping[i]
-            slope[i] = -slope[i]
-        write_solution(information, slope)
-        rotate(slope, 0, turn)
+        x = step_observed(information, slope, units)
+        rotate(x, 0, turn)
         before[:, :] = R
         multiply(turn, before, R)
         for axis in range(3):
-            p[axis] += slope[3 + axis]
+            p[axis] += x[3 + axis]
     own = p_WQ, radius, std, is_bound, R, p, scales[-1], information, slope
     return write_information(nodes, counts, low, cell, *own)
 
@@ -147,6 +121,6 @@ def compiled_align_pose(
     fits = write_alignment(
         *(grid.nodes, grid.counts, grid.low, grid.cell),
         *(np.ascontiguousarray(points.p_WQ), points.radius, points.std, points.is_bound),
-        *(DAMPING / std**2, np.array(scales), R, p, information),
+        *(std, np.array(scales), R, p, information),
     )
     return Alignment(R, p, information, fits)
