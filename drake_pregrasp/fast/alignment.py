@@ -14,7 +14,6 @@ from drake_pregrasp.fast.distances import write_distance
 from drake_pregrasp.fast.pose_steps import multiply, rotate
 from drake_pregrasp.geometry.distance_grid import DistanceGrid
 
-
 step_observed = compiled()(observed_step)
 
 
