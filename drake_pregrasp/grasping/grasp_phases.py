@@ -29,6 +29,7 @@ CRUSHING = 1.3
 """Ratio of force to largest planned force at which a hand opens; measured forces are rough."""
 
 _STRAIN = 0.002  # Depth to which a finger that touches presses, within the limit of its force.
+_ON_THE_WAY = 1.5  # Distance from its goal, in gate distances, beyond which a finger moves to it.
 _EASING = 0.2  # Share of the closing speed with which fingers give up this strain.
 
 _FOLLOWS = 0.25  # Share of a small commanded force from which on a finger presses.
@@ -246,14 +247,14 @@ def _moved_by_touch(
     finger that is held back.
     """
     least = np.where(state.touched, RELEASE_SHARE, 1.0) * settings.touch_force
-    farthest = settings.standoff + np.asarray(settings.search)
     along = np.sqrt(np.maximum(0.0, view.distances**2 - (view.gaps - state.standoffs) ** 2))
     behind = ~(along <= settings.gate_distance)
     # A fingertip that bounces off the surface is still touching while something holds it back.
     is_held_back = state.touched & (view.gaps - state.standoffs > _STRAIN / 2)
     is_held_back &= np.abs(view.surface_gaps) <= _STRAIN
-    feels = ((view.presses >= least) | is_held_back) & (np.abs(view.gaps) <= farthest)
-    touched = state.active & feels & ~behind
+    # What is far from its goal is on the way to it, and feels the force that accelerates it.
+    arrived = np.abs(view.gaps - state.standoffs) <= _ON_THE_WAY * settings.gate_distance
+    touched = state.active & arrived & ~behind & ((view.presses >= least) | is_held_back)
     elapsed = view.time - state.since
     speed = np.minimum(settings.closing_speed, settings.closing_acceleration * elapsed)
     change = touch_correction(view.surface_gaps, view.rows, touched, state.offset)

@@ -328,9 +328,19 @@ CLOSING = replace(GraspState.first(N, SETTINGS), phase=GraspPhase.CLOSE, active=
 
 def test_a_fingertip_that_is_said_to_be_deep_inside_does_not_touch():
     gaps = np.array([-1e6, 0.0, 0.0, 0.0, 0.0])
-    after = next_state(CLOSING, closing_view(gaps=gaps), SETTINGS, PERIOD, balanced)
+    state = replace(CLOSING, standoffs=np.zeros(N))
+    after = next_state(state, closing_view(gaps=gaps), SETTINGS, PERIOD, balanced)
     np.testing.assert_array_equal(after.touched, gaps == 0)
-    assert abs(after.standoffs[0] - CLOSING.standoffs[0]) < SETTINGS.closing_speed * PERIOD + 1e-12
+    assert abs(after.standoffs[0]) < SETTINGS.closing_speed * PERIOD + 1e-12
+
+
+@pytest.mark.parametrize(("jump", "touches"), [(-0.008, False), (0.001, True), (0.008, False)])
+def test_forces_that_accelerate_a_finger_are_no_touch(jump, touches):
+    """Fingers follow an estimate that has jumped, and feel it."""
+    state = replace(CLOSING, standoffs=np.full(N, 0.01))
+    felt = closing_view(gaps=0.01 + jump * ALL, presses=np.full(N, SETTINGS.touch_force))
+    after = next_state(state, felt, SETTINGS, PERIOD, balanced)
+    assert np.all(after.touched == touches)
 
 
 @given(st.integers(0, N - 1), st.floats(0.002, 0.018))
