@@ -1,6 +1,7 @@
 """First pose of an object from points that a camera sees, without any estimate before."""
 
 from collections.abc import Callable
+from operator import itemgetter
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -21,10 +22,12 @@ STARTS = 512
 _FEW = 80  # Points of the first steps.
 _COARSE = (0.03, 0.03, 0.02, 0.02, 0.015)  # Scales of the first steps, in metres.
 _FINALISTS = 24  # Best starts, which are aligned to all points.
-_YAWS, _UPRIGHT = 24, 6  # Starts about one axis besides, and finalists of these.
+_YAWS, _UPRIGHT = 24, 6  # Turns about one axis, and finalists of the upright ones.
 _AS_WELL = 0.002  # Share of the points by which poses that fit as well differ.
 _OFFSETS = 3.0  # Standard deviations of an offset that the table does not contradict.
 _ENDS = 2  # Passes over the scales of an alignment.
+_WALL = 0.005  # Shift by which points come to the other side of a thin wall, in metres.
+_UP = np.array([0.0, 0.0, 1.0])
 _GOLDEN = (np.sqrt(2.0), 1.533751168755204)  # Ratios of a super-Fibonacci spiral.
 
 
@@ -43,8 +46,10 @@ def register_pose(
 
     The middle of the object's bounding box starts at that of the points. On a table, the object
     starts on it, and what the pose leaves between them counts as misfit, apart from three standard
-    deviations of an offset of the points. Of poses that fit as well,
-    such as those of a symmetric object, the one that is turned least from the axes of W counts.
+    deviations of an offset of the points. From the best pose, further ones start: turned about the
+    axis about which the points tell least, and shifted so far that points of one side of a wall
+    reach the other. Of poses that fit as well, such as those of a symmetric object, the one that is
+    turned least from the axes of W counts.
 
     Args:
         grid: Signed distances of the object in O.
@@ -58,8 +63,7 @@ def register_pose(
     """
     few = SurfacePoints.seen(p_WQ[:: max(1, len(p_WQ) // _FEW)], point_std)
     middle, found = (p_WQ.min(axis=0) + p_WQ.max(axis=0)) / 2, []
-    upright = rotation_matrix(np.outer(np.arange(_YAWS) * 2 * np.pi / _YAWS, [0.0, 0.0, 1.0]))
-    for R_WO in np.concatenate([upright, _lattice(STARTS)]):
+    for R_WO in np.concatenate([_turns(_UP), _lattice(STARTS)]):
         turned = corners @ R_WO.T
         low, high = turned.min(axis=0), turned.max(axis=0)
         p_WO = middle - (low + high) / 2
@@ -67,34 +71,38 @@ def register_pose(
             p_WO[2] = -low[2]
         found.append(align(grid, few, R_WO, p_WO, std, _COARSE))
     slack = _OFFSETS * offset_std if table else np.inf
-    best = min(found, key=lambda start: _misfit(start, corners, len(few.radius), slack))
-    p_OM = (corners.min(axis=0) + corners.max(axis=0)) / 2
-    for turn in rotation_matrix(np.outer(np.arange(_YAWS) * 2 * np.pi / _YAWS, _hidden_axis(best))):
-        R_WO, p_WM = turn @ best.R_WO, best.p_WO + best.R_WO @ p_OM
-        found.append(align(grid, few, R_WO, p_WM - R_WO @ p_OM, std, _COARSE))
-    scores = [_misfit(start, corners, len(few.radius), slack) for start in found]
-    points, ends = SurfacePoints.seen(p_WQ, point_std), []
-    finalists = {*np.argsort(scores)[:_FINALISTS], *np.argsort(scores[:_YAWS])[:_UPRIGHT]}
-    finalists |= {STARTS + _YAWS + k for k in np.argsort(scores[-_YAWS:])[:_UPRIGHT]}
-    for end in (found[index] for index in sorted(finalists)):
+    misfits = [_misfit(start, corners, len(few.radius), slack) for start in found]
+    points = SurfacePoints.seen(p_WQ, point_std)
+    ends: list[tuple[float, Alignment]] = []  # With their misfits.
+
+    def add(R_WO: FloatArray, p_WO: FloatArray) -> None:
         for _ in range(_ENDS):
-            end = align(grid, points, end.R_WO, end.p_WO, std, SCALES)
-        ends.append(end)
-    misfits = [_misfit(end, corners, len(p_WQ), slack) for end in ends]
-    least = min(misfits) + _AS_WELL
-    equal: list[Alignment] = [e for e, m in zip(ends, misfits, strict=True) if m <= least]
+            R_WO, p_WO, *_ = end = align(grid, points, R_WO, p_WO, std, SCALES)
+        ends.append((_misfit(end, corners, len(p_WQ), slack), end))
+
+    for k in {*np.argsort(misfits)[:_FINALISTS], *np.argsort(misfits[:_YAWS])[:_UPRIGHT]}:
+        add(found[k].R_WO, found[k].p_WO)
+    best = min(ends, key=itemgetter(0))[1]
+    axis, p_WA = _hidden_axis(best)
+    for turn in _turns(axis):
+        add(turn @ best.R_WO, p_WA + turn @ (best.p_WO - p_WA))
+    best = min(ends, key=itemgetter(0))[1]
+    for shift in _WALL * np.vstack([np.eye(3), -np.eye(3)]):
+        add(best.R_WO, best.p_WO + shift)
+    least = min(misfit for misfit, _ in ends) + _AS_WELL
+    equal = [end for misfit, end in ends if misfit <= least]
     return max(equal, key=lambda end: float(np.trace(end.R_WO)))
 
 
-def _hidden_axis(found: Alignment) -> FloatArray:
-    """Returns the axis in W about which points tell least of a turn, shape (3,).
+def _hidden_axis(found: Alignment) -> tuple[FloatArray, FloatArray]:
+    """Returns the axis in W about which points tell least of a turn, and a point on it, shape (3,).
 
     A mug that is well aligned but for its handle has to turn about its own axis.
     """
     A, B, C = (found.information[i] for i in (np.s_[:3, :3], np.s_[:3, 3:], np.s_[3:, 3:]))
-    own = A - B @ np.linalg.pinv(C, hermitian=True) @ B.T
-    axis: FloatArray = np.linalg.eigh(own)[1][:, 0]
-    return axis
+    slide = -np.linalg.pinv(C, hermitian=True) @ B.T  # Of the origin, for each unit turn.
+    axis: FloatArray = np.linalg.eigh(A + B @ slide)[1][:, 0]
+    return axis, found.p_WO + np.cross(axis, slide @ axis)
 
 
 def _misfit(found: Alignment, corners: FloatArray, count: int, slack: float) -> float:
@@ -102,6 +110,11 @@ def _misfit(found: Alignment, corners: FloatArray, count: int, slack: float) -> 
     height = abs(float(np.min(corners @ found.R_WO[2])) + found.p_WO[2])
     scale, beyond = SCALES[-1], max(0.0, height - slack)
     return float(2 - found.fits / count - (scale**2 / (scale**2 + beyond**2)) ** 2)
+
+
+def _turns(axis: FloatArray) -> FloatArray:
+    """Returns evenly spread turns about an axis, shape (k, 3, 3)."""
+    return rotation_matrix(np.outer(np.arange(_YAWS) * 2 * np.pi / _YAWS, axis))
 
 
 def _lattice(count: int) -> FloatArray:
