@@ -23,7 +23,9 @@ class CameraConfig:
     target: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.05], metadata=POINT)
 
     # Error of its calibrated place: displacement in W of what it sees, in metres.
-    bias: list[float] = field(default_factory=zeros, metadata=POINT)
+    bias: list[float] = field(
+        default_factory=zeros, metadata=POINT | {"typical": (0.001, 0.02), "unit": "mm"}
+    )
 
     # Width of its picture, in pixels.
     width: int = field(default=320, metadata={"at_least": 16, "at_most": 1280})

@@ -6,8 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
-from operator import attrgetter
+from functools import partial, reduce
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +40,7 @@ class Slider:
         high: Highest value, in the unit.
         step: Difference of two values next to each other, in the unit.
         unit: The unit in SI.
-        fields: Dotted path of each field with its metadata.
+        fields: Dotted path of each field, with indices of lists, and its metadata.
     """
 
     name: str
@@ -57,7 +56,7 @@ class Slider:
         if (index := _velocity_index(path, scenario)) is not None:
             assert isinstance(scenario.motion, Conveyor)
             return scenario.motion.velocities()[-1][1 + index] / self.unit
-        value = attrgetter(path)(scenario)
+        value = value_at(scenario, path)
         return float(np.linalg.norm(value) if isinstance(value, list) else value) / self.unit
 
     def apply(self, run: LiveRun, value: float) -> None:
@@ -78,10 +77,10 @@ class Slider:
                 # A field that excludes the slider's end gets the tenth of a step beside it.
                 is_excluded = value <= rules.get("above", -math.inf)
                 after = rules["above"] + self.step * self.unit / 10 if is_excluded else value
-                before = attrgetter(path)(scenario)
+                before = value_at(scenario, path)
                 if isinstance(before, list):  # A vector keeps its direction.
                     after = (np.array(before) * after / np.linalg.norm(before)).tolist()
-                setattr(attrgetter(owner)(scenario), key, after)
+                setattr(value_at(scenario, owner), key, after)
             if "planner.period" in self.fields:
                 _fit_time_step(scenario)
 
@@ -105,6 +104,12 @@ def make_sliders(scenario: Scenario) -> list[Slider]:
     return sliders
 
 
+def value_at(config: Any, path: str) -> Any:
+    """Returns the value at a dotted path, such as `depth_sensor.cameras.0.bias`."""
+    keys = path.split(".")
+    return reduce(lambda at, key: at[int(key)] if key.isdigit() else getattr(at, key), keys, config)
+
+
 def _adjustable(config: Any, owner: str = "") -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Yields the dotted path and metadata of each field that declares typical values."""
     for field in dataclasses.fields(config):
@@ -115,6 +120,9 @@ def _adjustable(config: Any, owner: str = "") -> Iterator[tuple[str, Mapping[str
             yield owner + field.name, field.metadata
         elif dataclasses.is_dataclass(value):
             yield from _adjustable(value, f"{owner}{field.name}.")
+        elif isinstance(value, list) and value and dataclasses.is_dataclass(value[0]):
+            for index, element in enumerate(value):
+                yield from _adjustable(element, f"{owner}{field.name}.{index}.")
 
 
 def _round_step(width: float) -> float:

@@ -30,6 +30,7 @@ RECORDED = 600.0
 """Longest recording of a live run, in seconds: it is kept in memory."""
 
 _RAMP = 0.2  # Duration of a change of the conveyor's velocity, in seconds.
+_BELOW_ALL = -10.0  # Ceiling of cameras below which there are no points, in metres.
 _TILE = 0.01  # Smallest size of tiles, in metres: a page loads hundreds fast, but not thousands.
 _NUDGE = 0.4  # Speed that a nudge adds to the object, in m/s: a cube slides 1 cm, and does not tip.
 
@@ -78,6 +79,7 @@ class LiveRun:
         scenario.random_seed += 1
         scenario.damage, scenario.grasp.close_at = first.damage, first.grasp.close_at
         scenario.sensor.faults = first.sensor.faults
+        scenario.depth_sensor.ceiling = first.depth_sensor.ceiling
         if self._velocity is not None and isinstance(scenario.motion, Conveyor):
             scenario.motion.profile = [[0.0, *self._velocity]]
         self._start()
@@ -168,10 +170,15 @@ class LiveRun:
 
     def switch_sight(self) -> None:
         """Hides the object from the sensor, or shows it again."""
-        faults = self._first.sensor.faults
+        faults, ceiling = self._first.sensor.faults, self._first.depth_sensor.ceiling
         if not self.is_hidden:
             faults = replace(faults, nan_probability=1.0, start=self.time, end=FOREVER)
-        if self.change(lambda scenario: setattr(scenario.sensor, "faults", faults)):
+            ceiling = _BELOW_ALL
+
+        def edit(scenario: Scenario) -> None:
+            scenario.sensor.faults, scenario.depth_sensor.ceiling = faults, ceiling
+
+        if self.change(edit):
             self.is_hidden = not self.is_hidden
 
     def close(self) -> None:

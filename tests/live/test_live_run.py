@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 import urllib.request
-from operator import attrgetter
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from pydrake.systems.analysis import Simulator
 
 from drake_pregrasp import InvalidArgumentError, load_scenario, make_diagram
 from drake_pregrasp.config.validation import scalar_problem
-from drake_pregrasp.live.live_controls import LiveControls, make_sliders
+from drake_pregrasp.live.live_controls import LiveControls, make_sliders, value_at
 from drake_pregrasp.live.live_run import LiveRun
 from drake_pregrasp.simulation.recording import start_meshcat
 from drake_pregrasp.simulation.scenario_file import load_resolved, resolve
@@ -55,6 +54,7 @@ def test_a_new_start_has_the_changed_settings_another_seed_and_all_fingers():
     run.reset()
     assert not run.is_hidden
     assert run.scenario.sensor.faults.nan_probability == 0
+    assert run.scenario.depth_sensor.ceiling == load_scenario("a_base").depth_sensor.ceiling
 
 
 @pytest.mark.slow
@@ -72,7 +72,7 @@ def test_sliders_at_their_ends_make_valid_scenarios(name, tmp_path):
     assert run.scenario.planner.period == pytest.approx(0.2)
 
 
-@pytest.mark.parametrize("name", ["a_base", "toss", "grasp_five_finger"])
+@pytest.mark.parametrize("name", ["a_base", "toss", "see_and_feel"])
 def test_a_slider_keeps_within_the_declared_range_whatever_a_page_sends(name):
     scenario = load_scenario(name)
 
@@ -88,7 +88,7 @@ def test_a_slider_keeps_within_the_declared_range_whatever_a_page_sends(name):
             slider.apply(run, sent)
             for path, rules in slider.fields.items():
                 key = path.split("_")[0].split(".")[-1]
-                value = run.velocity[key] if run.velocity else attrgetter(path)(scenario)
+                value = run.velocity[key] if run.velocity else value_at(scenario, path)
                 value = np.linalg.norm(value) if isinstance(value, list) else value
                 low, high = rules["typical"]
                 assert scalar_problem(value, float, rules) is None, (path, sent)
@@ -113,6 +113,26 @@ def test_an_object_is_thrown_again_with_another_speed_in_the_same_direction(tmp_
     np.testing.assert_allclose(run.scenario.motion.velocity, expected)
     moved = run.last.X_WO.translation() - scenario.X_WO.translation()
     np.testing.assert_allclose(moved[:2], expected[:2] * run.last.time, atol=1e-3)
+
+
+@pytest.mark.slow
+def test_a_slider_moves_what_a_camera_shows_and_a_hidden_object_has_no_points(tmp_path):
+    meshcat, text = start_meshcat(live=True), "{hand: {file: ''}, ring_contacts: 3}"
+    scenario = load_resolved("see_and_feel", text=text)
+    run = LiveRun(scenario, name="see_and_feel", meshcat=meshcat)
+    controls = LiveControls(run, meshcat, out=tmp_path)
+    for bias in (5.0, 15.0):
+        meshcat.SetSliderValue("bias [mm]", bias)
+        controls.apply()
+        for _ in range(8):
+            run.advance()
+        shown = run.last.X_WO_estimated.translation() - run.last.X_WO.translation()
+        share = np.linalg.norm([6, -6, 0]) / np.linalg.norm([6, -6, 5])  # The table corrects z.
+        assert 1e3 * np.linalg.norm(shown) == pytest.approx(share * bias, abs=1.5)
+    run.switch_sight()
+    for _ in range(8):
+        run.advance()
+    assert run.last.time_since_measurement > 0.3
 
 
 @pytest.mark.slow
