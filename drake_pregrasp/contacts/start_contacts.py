@@ -25,7 +25,7 @@ from drake_pregrasp.regions.constraints import OPPOSITE, Limit
 _YAWS = 24  # Yaws of the palm that are tried in a full turn.
 _COARSE, _FINE = 300, 3000  # Largest numbers of candidates, for all yaws and for the best ones.
 _COARSE_SWEEPS, _FINE_SWEEPS = 2, 4  # Largest numbers of rounds in which fingers move in turn.
-_FINALISTS = 6  # Yaws whose exact margins are compared.
+_FINALISTS = 6  # Yaws whose exact margins are compared, and more if none holds the object.
 _TURNS = 4  # Largest number of times that the yaw follows the contacts, and these the reach.
 # Costs and gains in units of the force-closure margin:
 _FINGER = 0.25  # Gain of one more finger, which shares the load.
@@ -60,8 +60,12 @@ def choose_start_contacts(
     coarse = _Search(surface, solid, hand, _COARSE, _COARSE_SWEEPS)
     fine = _Search(surface, solid, hand, _FINE, _FINE_SWEEPS)
     tried = [coarse.settled(yaw) for yaw in coarse.yaws()]
-    ranked = sorted(tried, key=lambda trial: -round(trial.bound, _DIGITS))[:_FINALISTS]
-    grasps = [grasp for trial in ranked if (grasp := fine.grasp_at(trial.yaw)) is not None]
+    ranked, grasps = sorted(tried, key=lambda trial: -round(trial.bound, _DIGITS)), list[_Trial]()
+    for count, trial in enumerate(ranked):
+        if count >= _FINALISTS and any(grasp.load >= 1 for grasp in grasps):
+            break
+        if (grasp := fine.grasp_at(trial.yaw)) is not None:
+            grasps.append(grasp)
     if grasps:
         best = max(grasps, key=lambda grasp: (grasp.load >= 1, round(grasp.score, _DIGITS)))
         if best.load < 1:

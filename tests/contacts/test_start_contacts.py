@@ -205,6 +205,13 @@ def test_the_palm_stays_within_its_range():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("middle", [-2.8, -2.0, 0.4, 1.2])
+def test_a_palm_that_is_held_at_few_yaws_has_a_grasp_there(middle):
+    start, _ = chosen(shape_of("box0"), holds_palm=lambda yaw: abs(yaw - middle) < 0.25)
+    assert abs(start.yaw - middle) < 0.25
+
+
+@pytest.mark.slow
 def test_the_same_object_has_the_same_contacts_at_any_density():
     shape = shape_of("box2")
     margins = [chosen(shape, surface_of(shape, spacing))[0].margin for spacing in (0.008, 0.002)]
