@@ -15,6 +15,7 @@ from drake_pregrasp.arrays import FloatArray, number_or_nan
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.config.planner_config import PlannerConfig
+from drake_pregrasp.diagrams.hand_instances import check_inertias
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.solids import Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
@@ -69,14 +70,15 @@ def check_plant(
     """Checks that a plant can have a hand added, and warns if its outputs are late.
 
     Raises:
-        InvalidArgumentError: If it is not finalized, not in the builder, or the SceneGraph or the
-            body is that of another plant.
+        InvalidArgumentError: If it is not finalized, not in the builder, a link that moves has no
+            inertia, or the SceneGraph or the body is that of another plant.
     """
     _check_kind("plant", plant, MultibodyPlant)
     if not plant.is_finalized():
         raise InvalidArgumentError("plant: it is not finalized; call plant.Finalize() before")
     if not any(system is plant for system in builder.GetSystems()):
         raise InvalidArgumentError("plant: it is not in this builder; add it by AddMultibodyPlant")
+    check_inertias(plant, "plant: ")
     if scene_graph is not None:
         _check_kind("scene_graph", scene_graph, SceneGraph)
         source = plant.get_source_id()

@@ -3,6 +3,7 @@
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 
+import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, Joint, ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort
@@ -134,6 +135,34 @@ class HandInstances:
         if kind == "link":
             return [plant.get_body(index).name() for index in plant.GetBodyIndices(instance)]
         return [plant.get_joint(index).name() for index in plant.GetJointIndices(instance)]
+
+
+def check_inertias(plant: MultibodyPlant, prefix: str = "") -> None:
+    """Checks that all joints of a finalized plant move something with inertia.
+
+    Drake finds a mass matrix that is not positive definite only in the first step.
+
+    Args:
+        plant: The plant.
+        prefix: Beginning of the message.
+
+    Raises:
+        InvalidArgumentError: If one moves links without mass, or without moments of inertia about
+            its axis, and its drive has no rotor inertia; the message names the link.
+    """
+    inertias, directions = np.linalg.eigh(plant.CalcMassMatrix(plant.CreateDefaultContext()))
+    if not len(inertias) or inertias[0] > np.finfo(float).eps * len(inertias) * inertias[-1]:
+        return
+    worst = int(np.argmax(np.abs(directions[:, 0])))
+    joints = map(plant.get_joint, plant.GetJointIndices())
+    joint = next(j for j in joints if 0 <= worst - j.velocity_start() < j.num_velocities())
+    link, moved = joint.child_body(), plant.GetBodiesKinematicallyAffectedBy([joint.index()])
+    mass = sum(plant.get_body(index).default_mass() for index in moved)
+    weighs = f"{link.name()} and what it carries have a mass of {mass:g} kg"
+    needs = f"give link {link.name()} a mass and moments of inertia above 0"
+    if joint.num_velocities() == 1:
+        needs += f", or the drive of joint {joint.name()} a rotor_inertia"
+    raise InvalidArgumentError(f"{prefix}{weighs}, and no inertia resists a motion; {needs}")
 
 
 def set_default_positions(joints: Sequence[Joint], q: FloatArray) -> None:

@@ -12,7 +12,7 @@ from pydrake.planning import RobotDiagram, RobotDiagramBuilder
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.hand_description import Carrier, Fingertip, HandDescription
 from drake_pregrasp.contacts.assignment import FREE_TURN
-from drake_pregrasp.diagrams.hand_instances import HandInstances
+from drake_pregrasp.diagrams.hand_instances import HandInstances, check_inertias
 from drake_pregrasp.diagrams.hand_parsing import add_read_model, read_model
 from drake_pregrasp.diagrams.home_fingers import HomeFingers
 from drake_pregrasp.diagrams.model_files import CheckedModel
@@ -114,6 +114,7 @@ class HandModel:
         plant = builder.plant()
         models = self.add_to(plant, warns=warns)
         plant.Finalize()
+        check_inertias(plant)
         diagram = builder.Build()
         return diagram, HandInstances(diagram.plant(), models, are_named=True)
 

@@ -102,7 +102,7 @@ def located(name: str, packages: Mapping[str, Path]) -> Path:
                 raise missing_package(package, extra=_EXTRAS[package], purpose=name)
             raise InvalidArgumentError(
                 f"names {name}: no such package is here; install it, or add its folder to"
-                " ROS_PACKAGE_PATH"
+                f" ROS_PACKAGE_PATH, where package.xml files name: {', '.join(sorted(packages))}"
             )
         return folder / rest
     path = name.removeprefix("file://")

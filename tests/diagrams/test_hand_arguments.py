@@ -1,5 +1,6 @@
 """What makes no sense in a call of `AddHandController`, or in a description, is one clear line."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from pydrake.multibody.plant import (
     AddMultibodyPlantSceneGraph,
     MultibodyPlantConfig,
 )
-from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.multibody.tree import ModelInstanceIndex, RevoluteJoint, SpatialInertia, UnitInertia
 from pydrake.systems.framework import DiagramBuilder
 
 import drake_pregrasp as dp
@@ -22,7 +23,7 @@ SIZE = [0.06, 0.07, 0.065]
 WORLD = ModelInstanceIndex(0)
 
 
-def call(*, completes=True, finalizes=True, change=lambda plant, robot: {}):
+def call(*, completes=True, finalizes=True, change=lambda plant, robot: {}, extend=None):
     """Adds a hand with the arguments of a function in place of sound ones."""
     builder = DiagramBuilder()
     settings = MultibodyPlantConfig(time_step=0.01, use_sampled_output_ports=False)
@@ -30,6 +31,8 @@ def call(*, completes=True, finalizes=True, change=lambda plant, robot: {}):
     robot = parsed(plant, HAND.model)
     if completes:
         dp.complete_hand_model(plant, HAND, robot)
+    if extend:
+        extend(plant)
     if finalizes:
         plant.Finalize()
     arguments = {
@@ -94,6 +97,38 @@ def test_a_hand_is_completed_before_the_plant_is_finalized_and_added_after():
 
     with pytest.raises(dp.InvalidArgumentError, match="plant: it is finalized already; complete "):
         call(completes=False, change=complete)
+
+
+def add_lamp(plant, inertia, *, is_free):
+    lamp = plant.AddRigidBody("lamp", plant.AddModelInstance("lamp"), inertia)
+    if not is_free:
+        ends = plant.world_frame(), lamp.body_frame()
+        plant.AddJoint(RevoluteJoint("swing", *ends, np.array([1.0, 0.0, 0.0])))
+
+
+@pytest.mark.parametrize("is_free", [True, False])
+@pytest.mark.parametrize(
+    ("inertia", "mass"),
+    [(SpatialInertia.Zero(), 0), (SpatialInertia(0.2, np.zeros(3), UnitInertia(0, 0, 0)), 0.2)],
+)
+def test_a_link_without_inertia_is_named(inertia, mass, is_free):
+    problem = f"plant: lamp and what it carries have a mass of {mass} kg, .*; give link lamp a mass"
+    with pytest.raises(dp.InvalidArgumentError, match=problem) as error:
+        call(extend=lambda plant: add_lamp(plant, inertia, is_free=is_free))
+    assert ("joint swing a rotor_inertia" in str(error.value)) == (not is_free)
+
+
+@pytest.mark.parametrize("rotor_inertia", [5e-4, 0.0])
+def test_the_rotor_of_a_drive_moves_a_finger_without_mass(rotor_inertia, tmp_path):
+    model = tmp_path / "gripper.urdf"
+    model.write_text(re.sub("<inertial>.*</inertial>", "", GRIPPER.read_text()))
+    drives = [replace(HAND.drives[0], rotor_inertia=rotor_inertia)]
+    hand = replace(HAND, model=str(model), drives=drives)
+    if rotor_inertia:
+        assert len(dp.HandModel(hand).p_HT) == 3
+    else:
+        with pytest.raises(dp.InvalidArgumentError, match=r"of 0 kg, .* joint \w+ a rotor_inertia"):
+            dp.HandModel(hand)
 
 
 @pytest.mark.parametrize(
