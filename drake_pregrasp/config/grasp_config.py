@@ -77,7 +77,7 @@ class GraspConfig:
     period: float = field(default=0.02, metadata={"at_least": 1e-3, "at_most": 0.1})
 
     # Coulomb's coefficient of the object. Drake combines the coefficients of two bodies to
-    # 2 µ1 µ2/(µ1 + µ2); fingertips have 0.7, and the turntable has 0.8.
+    # 2 µ1 µ2/(µ1 + µ2); fingertips have 0.7 (the Shadow hand's: 1), and the turntable has 0.8.
     friction: float = field(default=0.7, metadata={"at_least": 0, "at_most": 10})
 
     # Coulomb's coefficient with which the squeeze is planned: the true one less a margin.

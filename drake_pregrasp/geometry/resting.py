@@ -16,6 +16,7 @@ FIRM = np.radians(1.0)
 
 _LEVEL = 1e-6  # Ratio of a height to the body's extent up to which a vertex is on the table.
 _EQUAL = 1e-3  # Difference of probabilities that are equal.
+_SAME_HEIGHT = 5e-3  # Difference of heights that are equal, over the largest height.
 _DIGITS = 6  # Decimals of compared directions: rounding must not choose between equal ones.
 _MOST_TIPS = 10_000  # Largest number of edges and vertices over which a body tips.
 
@@ -80,9 +81,10 @@ def _tips(support: FloatArray, firm: float) -> list[tuple[FloatArray, float]]:
 def stable_rotation(mesh: trimesh.Trimesh) -> FloatArray:
     """Returns the rotation of a body to its most probable resting pose, shape (3, 3).
 
-    The probability is that of a slow drop from a random orientation (Goldberg et al., 1999). Of
-    equally probable poses, the one at the smallest angle is chosen. If it is not firm, the body
-    tips on from there, as `settled_rotation` says.
+    The probability is that of a slow drop from a random orientation (Goldberg et al., 1999). Poses
+    with the centre of mass at the same height count together, as on the facets of a round side. Of
+    those that are equally probable then, the most probable facet at the smallest angle is chosen.
+    If it is not firm, the body tips on from there, as `settled_rotation` says.
 
     Args:
         mesh: Closed surface of the homogeneous body, in a frame whose z axis points up.
@@ -99,7 +101,12 @@ def stable_rotation(mesh: trimesh.Trimesh) -> FloatArray:
             f" {count}; simplify the mesh"
         )
     poses, probabilities = trimesh.poses.compute_stable_poses(mesh, seed=0)
-    up = poses[probabilities >= probabilities[0] - _EQUAL, 2, :3]
+    heights = poses[:, 2] @ np.append(mesh.center_mass, 1.0)
+    is_same = np.abs(heights[:, None] - heights) <= _SAME_HEIGHT * np.max(heights)
+    totals = is_same @ probabilities
+    is_best = totals >= np.max(totals) - _EQUAL
+    is_best &= probabilities >= np.max(probabilities[is_best]) - _EQUAL
+    up = poses[is_best, 2, :3]
     rotation, _ = Rotation.align_vectors(
         [[0.0, 0.0, 1.0]], up[[np.argmax(np.round(up[:, 2], _DIGITS))]]
     )

@@ -14,7 +14,7 @@ MASS_RATIO = 1.8
 """Ratio K h²/M of the fingers' stiffness K and the virtual mass M, with the control period h."""
 
 TETHER = 0.005
-"""Largest distance of G from the estimate of an object that is tracked, in metres."""
+"""Largest distance of G from a tracked object, as estimated and corrected by touch, in metres."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -100,6 +100,13 @@ def test_a_plate_lies_flat_and_is_not_turned_over():
     np.testing.assert_allclose(stable_rotation(flat), np.eye(3), atol=1e-9)
 
 
+@pytest.mark.parametrize(("length", "lies"), [(0.01, False), (0.2, True)])
+def test_the_facets_of_a_round_side_count_together(length, lies):
+    pytest.importorskip("networkx")
+    height = Cylinder(radius=0.03, length=length, rest="stable").make_shape().mesh.extents[2]
+    assert height == pytest.approx(0.06 if lies else length, rel=0.01)
+
+
 def test_hulls_with_too_many_triangles_and_a_missing_package_are_refused(monkeypatch):
     with monkeypatch.context() as without:
         without.setattr("importlib.util.find_spec", lambda name: None)
