@@ -35,6 +35,8 @@ settings.register_profile("quick", settings.get_profile("repeatable"), max_examp
 
 def pytest_configure(config: pytest.Config) -> None:
     settings.load_profile("quick" if config.getoption("markexpr") == "not slow" else "repeatable")
+    # For the workers: threads of theirs would wait for processors that other workers use.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def pytest_collection_finish() -> None:
