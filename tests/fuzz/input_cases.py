@@ -83,6 +83,8 @@ def _sound(rng: random.Random, port: str) -> Any:
         return np.diag(10 ** (numbers(3, 4.5) - 3.5)).ravel()
     if port == "contact_weights":
         return numbers(3, 1e-3)
+    if port == "late_fingers":
+        return np.array([rng.choice((0.0, 0.0, 0.0, 1.0, np.nan)) for _ in range(3)])
     if port == "finger_coordinates":
         return numbers(6, 0.05)
     if port == "candidate_coordinates":
