@@ -11,9 +11,10 @@ from pathlib import Path
 
 import pytest
 import yaml
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from drake_pregrasp import shipped_scenarios
-from drake_pregrasp.cli import main
+from drake_pregrasp.cli import command, main
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.smooth_file import CARRIED
 
@@ -25,6 +26,19 @@ def test_list_names_every_scenario(capsys):
     assert main(["list"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines] == list(shipped_scenarios())
+
+
+def test_a_command_uses_one_thread_for_matrices(monkeypatch):
+    used = []
+
+    def note(options):
+        used.extend(each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas")
+        return 0
+
+    monkeypatch.setattr(command, "_list", note)
+    with threadpool_limits(2, user_api="blas"):
+        assert main(["list"]) == 0
+    assert set(used) == {1}
 
 
 def test_run_says_where_the_results_are(tmp_path, capsys):

@@ -9,6 +9,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
+from threadpoolctl import threadpool_limits
+
 from drake_pregrasp.cli import grasp_commands, hand_command, run_command, study_commands
 from drake_pregrasp.errors import OutputError, PregraspError, printable
 from drake_pregrasp.geometry.mesh_repair import repair_mesh
@@ -57,7 +59,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if not has_stdout and options.command is _list:
             raise OutputError("standard output: cannot be written: it is closed")
         _check_working_directory()
-        status: int = options.command(options)
+        with threadpool_limits(1, user_api="blas"):  # More threads wait for each other, mostly.
+            status: int = options.command(options)
         sys.stdout.flush()
     except KeyboardInterrupt:
         _print_error("interrupted")

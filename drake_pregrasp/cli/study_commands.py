@@ -20,7 +20,7 @@ _COMMANDS = {
     "tracking": ("tracking", "measure the errors of the pose estimate on random motions"),
 }
 
-_EXTRA = "dask distributed jinja2 markupsafe pandas seaborn statsmodels tabulate threadpoolctl"
+_EXTRA = "dask distributed jinja2 markupsafe pandas seaborn statsmodels tabulate"
 """The libraries of the extra `studies`."""
 
 

@@ -14,6 +14,8 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from threadpoolctl import threadpool_limits
+
 from drake_pregrasp.errors import InvalidArgumentError, OutputError, first_line, one_line
 from drake_pregrasp.simulation.output import handling
 from drake_pregrasp.studies.package_digest import differences, package_digest
@@ -50,7 +52,7 @@ class _Call:
 
     def __call__(self, job: Any) -> Any:
         try:
-            with _ONE_AT_A_TIME:
+            with _ONE_AT_A_TIME, threadpool_limits(1, user_api="blas"):
                 if differing := differences(package_digest(*self.modules), self.package):
                     raise InvalidArgumentError(f"this worker has another package: {differing}")
                 return self.function(job)
