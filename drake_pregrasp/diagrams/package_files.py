@@ -31,7 +31,8 @@ def find_packages(model: Path) -> dict[str, Path]:
     """Returns the folders of the packages that a model may name, by the packages' names.
 
     They are this package, the packages that the model is in, and the packages in the environment
-    variable ROS_PACKAGE_PATH.
+    variable ROS_PACKAGE_PATH. A package also has the name of its folder, by which models of
+    `example-robot-data` name it, though its `package.xml` has another one.
 
     Raises:
         InvalidArgumentError: If a `package.xml` above the model cannot be read.
@@ -44,7 +45,8 @@ def find_packages(model: Path) -> dict[str, Path]:
         # A link could lead to any file.
         if file.is_file() and not file.is_symlink():
             found[(parse_xml(file).findtext("name") or "").strip()] = folder
-    return {**found, "drake_pregrasp": resource_folder("models")}
+    folders = {folder.name: folder for folder in found.values()}
+    return {**folders, **found, "drake_pregrasp": resource_folder("models")}
 
 
 class _BoundedTree(ElementTree.TreeBuilder):
@@ -102,7 +104,7 @@ def located(name: str, packages: Mapping[str, Path]) -> Path:
                 raise missing_package(package, extra=_EXTRAS[package], purpose=name)
             raise InvalidArgumentError(
                 f"names {name}: no such package is here; install it, or add its folder to"
-                f" ROS_PACKAGE_PATH, where package.xml files name: {', '.join(sorted(packages))}"
+                f" ROS_PACKAGE_PATH; there are: {', '.join(sorted(packages))}"
             )
         return folder / rest
     path = name.removeprefix("file://")

@@ -178,10 +178,13 @@ def test_a_mesh_is_found_in_the_package_of_its_model_or_in_one_of_ros(tmp_path, 
         assert model != MODEL
         hands[name] = load_hand(write_hand(tmp_path / "mine" / name, model=model))
     HandModel(hands["mine"])
-    with pytest.raises(PregraspError, match=r"^[^\n]*own.sdf names .*elsewhere/.*no such package"):
+    with pytest.raises(PregraspError, match=r"^[^\n]*own.sdf names .*elsewhere.*there are: .*mine"):
         HandModel(hands["elsewhere"])
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path))
     HandModel(hands["elsewhere"])
+    xml = (tmp_path / "elsewhere" / "package.xml").read_text()
+    (tmp_path / "elsewhere" / "package.xml").write_text(xml.replace("elsewhere", "another_name"))
+    HandModel(hands["elsewhere"])  # By the name of the folder.
 
 
 @pytest.mark.parametrize("count", [0, 2])
