@@ -15,6 +15,7 @@ from drake_pregrasp.geometry.closed_surfaces import orient_components
 from drake_pregrasp.geometry.mesh_solid import MeshSolid
 from drake_pregrasp.geometry.meshes import Piece, read_pieces
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, SignedDistance, Solid
+from drake_pregrasp.resources import resolve_path
 
 FACET_ERROR = 5e-5
 """Largest distance of facets from the approximated round surface, in metres."""
@@ -141,19 +142,20 @@ def revolved_shape(profile: Sequence[Sequence[float]]) -> Shape:
     return mesh_shape(trimesh.creation.revolve(line, sections=sections), "the profile")
 
 
-def load_shape(path: Path, *, scale: float = 1.0) -> Shape:
+def load_shape(file: str | Path, *, scale: float = 1.0) -> Shape:
     """Reads a mesh file: OBJ, STL, PLY, OFF or glTF; see `MESH_SUFFIXES`.
 
     Named objects of the file become the shape's parts.
 
     Args:
-        path: Path of the mesh file.
+        file: Path from the working directory, or `package://drake_pregrasp/...`.
         scale: Length of the file's unit, in metres.
 
     Raises:
         InvalidArgumentError: If the file cannot be read, or the mesh is not watertight, has no
             volume, or is too large or too small; the message says what would help.
     """
+    path = resolve_path(str(file), Path.cwd())
     if not path.is_file():
         raise InvalidArgumentError(f"{path}: no such file")
     pieces = read_pieces(path)

@@ -8,7 +8,6 @@ from thin_cup import PROFILE
 from drake_pregrasp import InvalidArgumentError
 from drake_pregrasp.geometry import shapes
 from drake_pregrasp.geometry.meshes import MESH_SUFFIXES
-from drake_pregrasp.resources import resource_folder
 
 
 def assert_closed(shape):
@@ -187,7 +186,7 @@ def test_files_without_a_mesh_of_a_body_are_refused_in_one_line(tmp_path, conten
 
 @pytest.mark.parametrize(("name", "parts"), [("mug", 3), ("bracket", 2)])
 def test_the_shipped_meshes_are_bodies_of_parts(name, parts):
-    shape = shapes.load_shape(resource_folder("models") / f"{name}.obj")
+    shape = shapes.load_shape(f"package://drake_pregrasp/{name}.obj")
     assert_closed(shape)
     assert len(shape.part_names) == parts
     assert set(shape.face_parts) == set(range(parts))
