@@ -25,7 +25,7 @@ from drake_pregrasp.regions.constraints import OPPOSITE, Limit
 _YAWS = 24  # Yaws of the palm that are tried in a full turn.
 _COARSE, _FINE = 300, 3000  # Largest numbers of candidates, for all yaws and for the best ones.
 _COARSE_SWEEPS, _FINE_SWEEPS = 2, 4  # Largest numbers of rounds in which fingers move in turn.
-_FINALISTS = 6  # Yaws whose exact margins are compared, and more if none holds the object.
+_FINALISTS = 6  # Yaws whose exact margins are compared, and all if none has a grasp.
 _TURNS = 4  # Largest number of times that the yaw follows the contacts, and these the reach.
 # Costs and gains in units of the force-closure margin:
 _FINGER = 0.25  # Gain of one more finger, which shares the load.
@@ -44,10 +44,11 @@ def choose_start_contacts(
     At each yaw of the palm, fingers first take the permitted candidates nearest to their home. Then
     each in turn moves to the place with the best bound of the force-closure margin beside the
     others. For the best yaws the palm turns with the contacts until they are in reach there, and
-    the exact margins decide. A finger stays away if it has no room or lowers the margin. Places at
-    the edge of reach and under parts of the object cost more, unless this leaves no grasp. Where a
-    finger nearly tips the object, lower places are preferred. If links of a finger were inside of
-    the object, such as behind the inner side of a wall, all such contacts are left out.
+    the exact margins decide. A finger stays away if it has no room or lowers the margin. Where a
+    finger nearly tips the object, lower places are preferred. Places at the edge of reach and under
+    parts of the object cost more, unless this leaves no grasp. Then all other yaws are tried, too,
+    if the best ones have none. If links of a finger were inside of the object, such as behind the
+    inner side of a wall, all such contacts are left out.
 
     Args:
         surface: The object's surface.
@@ -62,7 +63,9 @@ def choose_start_contacts(
     tried = [coarse.settled(yaw) for yaw in coarse.yaws()]
     ranked, grasps = sorted(tried, key=lambda trial: -round(trial.bound, _DIGITS)), list[_Trial]()
     for count, trial in enumerate(ranked):
-        if count >= _FINALISTS and any(grasp.load >= 1 for grasp in grasps):
+        if count >= _FINALISTS and (
+            hand.clearance_weight > 0 or any(grasp.load >= 1 for grasp in grasps)
+        ):
             break
         if (grasp := fine.grasp_at(trial.yaw)) is not None:
             grasps.append(grasp)
@@ -76,7 +79,7 @@ def choose_start_contacts(
             return fine.contacts_of(best)
         held = f"hold {best.load:.2g} of its weight with friction {hand.friction:g}"
     problem = NoGraspError(Lack.FRICTION, f"the best contacts {held}") if grasps else coarse.lack()
-    if problem.lack in (Lack.FRICTION, Lack.ROOM) and hand.clearance_weight > 0:
+    if hand.clearance_weight > 0:
         return choose_start_contacts(surface, solid, replace(hand, clearance_weight=0.0))
     raise problem
 
