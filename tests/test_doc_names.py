@@ -189,7 +189,7 @@ def scenario_texts():
         for scenario, text in re.findall(
             r"drake-pregrasp \w+ (\w+) --scenario_text '([^']*)'", page.read_text(encoding="utf-8")
         )
-        if not re.search(r"planer|file: \w+\.yaml", text)  # Misspelt, or to be written first.
+        if not re.search(r"file: \w+\.yaml", text)  # To be written first.
     ]
 
 
