@@ -74,7 +74,7 @@ class LiveRun:
         self._simulator.Initialize()
 
     def reset(self) -> None:
-        """Starts again with the changed settings, all fingers and the next seed."""
+        """Starts again with the changed settings, the scenario's fingers and the next seed."""
         scenario, first = self.scenario, copy.deepcopy(self._first)
         scenario.random_seed += 1
         scenario.damage, scenario.grasp.close_at = first.damage, first.grasp.close_at
