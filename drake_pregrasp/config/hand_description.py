@@ -37,7 +37,8 @@ class Mount:
 class Carrier:
     """Four axes that carry a palm over the object."""
 
-    # Names of the joints that slide along x, y and z of W, and turn about z.
+    # Names of the joints that slide along x, y and z of the approach (of W from above), and
+    # turn about z.
     joints: list[str] = field(
         default_factory=lambda: ["x", "y", "z", "yaw"], metadata={"length": 4}
     )
