@@ -65,7 +65,7 @@ def test_a_planning_tick_of_the_base_case_is_small(monkeypatch: pytest.MonkeyPat
         monitor.GetOutputPort("grasp_quality").Eval(monitor.GetMyContextFromRoot(context))
 
     tick(first)
-    check(calls_of(lambda: tick(first + 1)), files=21, functions=88, count=177)
+    check(calls_of(lambda: tick(first + 1)), files=21, functions=89, count=176)
 
 
 @pytest.mark.slow
@@ -75,4 +75,4 @@ def test_a_control_tick_of_a_hand_is_small() -> None:
     for time in (2.011, 4.511, 5.211, 7.011):
         simulator.AdvanceTo(time)
         calls = calls_of(lambda end=time + 0.01: simulator.AdvanceTo(end))
-        check(calls, files=27, functions=103, count=167)
+        check(calls, files=27, functions=104, count=169)

@@ -271,7 +271,9 @@ class GraspSequencer(LeafSystem):
         if state.phase == GraspPhase.APPROACH:
             met = float(self._approach.Eval(context)[0])
         left = max(met, state.asked) + self._settings.gate_limit - context.get_time()
-        away = norms(self._tip_goals(context) - self._tips(context)) - self._settings.gate_distance
+        p_OC, nhat, _ = self._contact_frames(context)
+        p_GT_goal = p_OC + (self._radius + state.standoffs)[:, None] * nhat
+        away = norms(p_GT_goal - self._tips(context)) - self._settings.gate_distance
         is_late = self._pace.least_times(away) > left
         return np.asarray(is_late & (state.phase <= GraspPhase.TRACK), dtype=float)
 
@@ -294,12 +296,6 @@ class GraspSequencer(LeafSystem):
         command: GraspCommand = self._command.Eval(context)
         return np.asarray((p_WT - command.p_WG) @ command.R_WG)
 
-    def _tip_goals(self, context: Context) -> FloatArray:
-        """Returns the goals of the fingertips' centres in G, shape (n, 3), in metres."""
-        p_OC, nhat, _ = self._contact_frames(context)
-        state: GraspState = self._grasp.Eval(context)
-        return np.asarray(p_OC + (self._radius + state.standoffs)[:, None] * nhat)
-
     def _advance(self, context: Context, discrete_state: DiscreteValues) -> None:
         state: GraspState = self._grasp.Eval(context)
         command: GraspCommand = self._command.Eval(context)
@@ -320,7 +316,7 @@ class GraspSequencer(LeafSystem):
                 p_CoMT_W = (p_GT - self._p_OCoM) @ command.R_WG.T
                 normals_W = normals @ command.R_WG.T
                 rows = np.column_stack([normals_W[:, :2], np.cross(p_CoMT_W, normals_W)[:, 2]])
-        p_GT_goal = self._tip_goals(context)
+        p_GT_goal = p_OC + (self._radius + state.standoffs)[:, None] * nhat
         distances = norms(p_GT_goal - p_GT)
         close = float(self._close.Eval(context)[0])
         blocked = NOT_BLOCKED
