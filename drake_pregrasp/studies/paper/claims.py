@@ -117,7 +117,7 @@ def position_surrounds(runs: pd.DataFrame) -> Verdict:
 
 
 def volume_goes_outwards(runs: pd.DataFrame) -> Verdict:
-    """Judges Sec. IV.C: with Q_VEW, contacts move to edges and corners."""
+    """Judges Sec. IV.C: with Q_VEW, contacts move to edges. Corners are not judged."""
     mm = runs.groupby("case")["mm_to_edge"].median()
     measured = f"{mm['j']:.1f} mm from an edge, position {mm['a']:.1f} mm"
     return measured, "nearer (Fig. 5)", bool(mm["j"] < mm["a"])
@@ -178,7 +178,7 @@ _CLAIMS: tuple[tuple[str, str, Callable[[pd.DataFrame], Verdict]], ...] = (
     ("ahij", "The strategies' best quality differs by less than 1 %", strategies_are_alike),
     ("ahij", "Activity ranks GII, MSV, VEW, position tracking", activity_ranks),
     ("a", "Position tracking surrounds the cube on all four side faces", position_surrounds),
-    ("aj", "VEW drifts to edges and corners", volume_goes_outwards),
+    ("aj", "VEW drifts to edges", volume_goes_outwards),
     ("bc", "A faster object has a higher Q_GII than a slower one", faster_is_more_isotropic),
     ("de", "A bigger object has a higher Q_VEW and a lower Q_GII", size_matters),
     ("ahij", "Position tracking is the fastest to compute", position_is_fastest),
