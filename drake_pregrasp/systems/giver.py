@@ -1,7 +1,6 @@
 """Force of a person who moves an object along recorded poses, and hands it over."""
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialForce, SpatialVelocity
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
@@ -11,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.estimation.recorded_poses import RecordedPoses
+from drake_pregrasp.systems import ports
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
-from drake_pregrasp.systems.ports import declare_output
 
 LETS_GO = 0.5
 """Pull at the object, as a share of its weight, from which on the giver lets it go."""
@@ -54,12 +53,10 @@ class Giver(LeafSystem):
         self._I_BBcm_B = inertia.Shift(self._p_BoBcm).CalcRotationalInertia().CopyToFullMatrix3()
         self._poses, self._index = poses, body.index()
         self._has_let_go = self.DeclareDiscreteState([0.0])
-        models = AbstractValue.Make([RigidTransform()]), AbstractValue.Make([SpatialVelocity()])
-        self._X_WB = self.DeclareAbstractInputPort("body_poses", models[0])
-        self._V_WB = self.DeclareAbstractInputPort("body_spatial_velocities", models[1])
+        self._X_WB, self._V_WB = ports.declare_inputs(self, **ports.BODY_MOTIONS).values()
         sources = (self._X_WB, self._V_WB, self.time_ticket(), self.xd_ticket())
-        model = AbstractValue.Make([ExternallyAppliedSpatialForce()])
-        declare_output(self, "spatial_forces", model, self._calc_forces, *sources)
+        forces = ports.APPLIED_FORCES
+        ports.declare_output(self, "spatial_forces", forces, self._calc_forces, *sources)
         self._step = plant.time_step()
         self.DeclarePeriodicDiscreteUpdateEvent(self._step, 0.0, self._update)
 
@@ -88,10 +85,8 @@ class Giver(LeafSystem):
         alpha = _FREQUENCY**2 * turn + 2 * _FREQUENCY * (w - V_WBcm.rotational())
         a += [0.0, 0.0, GRAVITY]
         I_BBcm_W = R_WB.matrix() @ self._I_BBcm_B @ R_WB.matrix().T
-        force = ExternallyAppliedSpatialForce()
-        force.body_index, force.p_BoBq_B = self._index, self._p_BoBcm
-        force.F_Bq_W = SpatialForce(I_BBcm_W @ alpha, self._mass * a)
-        return [force]
+        F_Bcm_W = SpatialForce(I_BBcm_W @ alpha, self._mass * a)
+        return ports.applied_force(self._index, self._p_BoBcm, F_Bcm_W)
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         # The plant may have the state of its next step already, as times are rounded.

@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import SceneGraphInspector
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, QuaternionFloatingJoint
 from pydrake.systems.framework import (
     Context,
@@ -20,7 +20,7 @@ from pydrake.systems.framework import (
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.systems.mujoco_model import Pieces, import_mujoco, mujoco_model
-from drake_pregrasp.systems.ports import declare_output
+from drake_pregrasp.systems.ports import APPLIED_FORCES, BODY_POSES, declare_output
 
 PairForce = tuple[int, int, FloatArray]
 """Contact: values of the `GeometryId` of A and B, and the force of A on B in W, shape (3,), in N.
@@ -102,12 +102,11 @@ class MujocoPlant(LeafSystem):
         # Each Context keeps one for updates, because its allocation is slow.
         unused = ValueProducer(model_value.Clone, ValueProducer.NoopCalc)
         self._scratch = self.DeclareCacheEntry("MjData", unused, {self.nothing_ticket()})
-        forces = AbstractValue.Make([ExternallyAppliedSpatialForce()])
-        self._forces = self.DeclareAbstractInputPort("applied_spatial_force", forces)
+        self._forces = self.DeclareAbstractInputPort("applied_spatial_force", APPLIED_FORCES)
         self._desired: dict[ModelInstanceIndex, tuple[InputPort, list[int]]] = {}
         self._declare("state", plant.num_multibody_states(), self._plant_state)
         self._declare("net_actuation", len(own.gains), lambda data: data.actuator_force)
-        self._declare("body_poses", AbstractValue.Make([RigidTransform()]), self._body_poses)
+        self._declare("body_poses", BODY_POSES, self._body_poses)
         self._declare("contact_results", PAIR_FORCES, self._contacts)
         order = plant.GetJointActuatorIndices()
         for instance in map(ModelInstanceIndex, range(plant.num_model_instances())):

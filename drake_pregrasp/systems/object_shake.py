@@ -1,7 +1,6 @@
 """Force that shakes an object that a hand has held for a while."""
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.multibody.tree import RigidBody
@@ -9,8 +8,8 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from drake_pregrasp.grasping.grasp_state import GraspPhase
 from drake_pregrasp.grasping.held_criterion import shake_force
+from drake_pregrasp.systems import ports
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
-from drake_pregrasp.systems.ports import declare_output
 
 
 class ObjectShake(LeafSystem):
@@ -39,9 +38,8 @@ class ObjectShake(LeafSystem):
         self._index, self._p_OCoM = body.index(), body.default_com()
         self._weight = GRAVITY * body.default_mass()
         self._report = self.DeclareVectorInputPort("grasp_report", 4)
-        model = AbstractValue.Make([ExternallyAppliedSpatialForce()])
-        sources = (self._report, self.time_ticket())
-        declare_output(self, "spatial_forces", model, self._calc_forces, *sources)
+        forces, sources = ports.APPLIED_FORCES, (self._report, self.time_ticket())
+        ports.declare_output(self, "spatial_forces", forces, self._calc_forces, *sources)
 
     def _calc_forces(self, context: Context) -> list[ExternallyAppliedSpatialForce]:
         if not self._report.HasValue(context):
@@ -50,7 +48,5 @@ class ObjectShake(LeafSystem):
         share = shake_force(context.get_time() - since)
         if phase != GraspPhase.HOLD or not share.any():
             return []
-        force = ExternallyAppliedSpatialForce()
-        force.body_index, force.p_BoBq_B = self._index, self._p_OCoM
-        force.F_Bq_W = SpatialForce(tau=np.zeros(3), f=self._weight * share)
-        return [force]
+        F_CoM_W = SpatialForce(tau=np.zeros(3), f=self._weight * share)
+        return ports.applied_force(self._index, self._p_OCoM, F_CoM_W)

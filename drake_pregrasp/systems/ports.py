@@ -6,7 +6,9 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.multibody.math import SpatialVelocity
+from pydrake.multibody.math import SpatialForce, SpatialVelocity
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce
+from pydrake.multibody.tree import BodyIndex
 from pydrake.perception import PointCloud
 from pydrake.systems.framework import (
     BasicVector,
@@ -42,6 +44,18 @@ POSE = AbstractValue.Make(RigidTransform())
 VELOCITY = AbstractValue.Make(SpatialVelocity())
 """Model value of a port with a `SpatialVelocity`."""
 
+BODY_POSES = AbstractValue.Make([RigidTransform()])
+"""Model value of a port with a list of `RigidTransform`, one for each body of a plant."""
+
+BODY_MOTIONS = {
+    "body_poses": BODY_POSES,
+    "body_spatial_velocities": AbstractValue.Make([SpatialVelocity()]),
+}
+"""Model values of ports with poses and velocities of all bodies, by the names in a plant."""
+
+APPLIED_FORCES = AbstractValue.Make([ExternallyAppliedSpatialForce()])
+"""Model value of a port with a list of `ExternallyAppliedSpatialForce`."""
+
 BUS = AbstractValue.Make(BusValue())
 """Model value of a port with a `BusValue`."""
 
@@ -61,6 +75,21 @@ Model: TypeAlias = AbstractValue | int
 
 Source: TypeAlias = InputPort | CacheEntry | DependencyTicket
 """Something that a computation depends on."""
+
+
+def applied_force(
+    body: BodyIndex, p_BoBq_B: FloatArray, F_Bq_W: SpatialForce
+) -> list[ExternallyAppliedSpatialForce]:
+    """Returns a list with a force on a body, for the port `applied_spatial_force` of a plant.
+
+    Args:
+        body: Index of the body B.
+        p_BoBq_B: Point Bq of B at which the force is applied, in B, shape (3,), in metres.
+        F_Bq_W: Force at Bq in W.
+    """
+    force = ExternallyAppliedSpatialForce()
+    force.body_index, force.p_BoBq_B, force.F_Bq_W = body, p_BoBq_B, F_Bq_W
+    return [force]
 
 
 def declare_inputs(system: LeafSystem, **models: Model) -> dict[str, InputPort]:

@@ -29,7 +29,7 @@ from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.geometry.solids import Solid
 from drake_pregrasp.regions.capability_weights import capability_weights
 from drake_pregrasp.regions.constraints import Obstacles
-from drake_pregrasp.systems.ports import OBSTACLES, POSE, declare_output
+from drake_pregrasp.systems.ports import BODY_POSES, OBSTACLES, POSE, declare_output
 
 _FOREVER = 1e9  # Seconds; Drake's trajectories end.
 
@@ -60,7 +60,7 @@ class BodyPose(LeafSystem):
 
     def __init__(self, body_index: BodyIndex, *, time_step: float = 0.0) -> None:
         super().__init__()
-        poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
+        poses = self.DeclareAbstractInputPort("body_poses", BODY_POSES)
         index = int(body_index)
         if not time_step:
             declare_output(self, "X_WB", POSE, lambda c: poses.Eval(c)[index], poses)

@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from pydrake.common.value import AbstractValue
-from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialForce, SpatialVelocity
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import RigidBody
@@ -13,7 +11,7 @@ from pydrake.systems.framework import Context, LeafSystem
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.geometry.impacts import impact
 from drake_pregrasp.geometry.solids import Solid, nearest_solids
-from drake_pregrasp.systems.ports import declare_output
+from drake_pregrasp.systems import ports
 
 _DEPTH = 1e-4  # Depth at which an impact ends, in metres: compliant contact takes over there.
 _SLOW = 1e-3  # Velocity below which a body rests, in m/s and rad/s.
@@ -74,12 +72,10 @@ class TossedBody(LeafSystem):
         # Compliant contact holds a body at rest, so it does not sink by as much as it would fall.
         self._depth = max(_DEPTH, 2 * self._step * float(np.linalg.norm(self._fall)))
         self._index, self._launch = body.index(), V_WBcm.get_coeffs()
-        models = AbstractValue.Make([RigidTransform()]), AbstractValue.Make([SpatialVelocity()])
-        self._poses = self.DeclareAbstractInputPort("body_poses", models[0])
-        self._velocities = self.DeclareAbstractInputPort("body_spatial_velocities", models[1])
+        self._poses, self._velocities = ports.declare_inputs(self, **ports.BODY_MOTIONS).values()
         sources = (self._poses, self._velocities, self.time_ticket())
-        model = AbstractValue.Make([ExternallyAppliedSpatialForce()])
-        declare_output(self, "spatial_forces", model, self._calc_forces, *sources)
+        forces = ports.APPLIED_FORCES
+        ports.declare_output(self, "spatial_forces", forces, self._calc_forces, *sources)
 
     def _calc_forces(self, context: Context) -> list[ExternallyAppliedSpatialForce]:
         X_WB, V_WB = (port.Eval(context)[self._index] for port in (self._poses, self._velocities))
@@ -100,7 +96,5 @@ class TossedBody(LeafSystem):
                 time_step=self._step,
                 depth=self._depth,
             )
-        force = ExternallyAppliedSpatialForce()
-        force.body_index, force.p_BoBq_B = self._index, self._p_BoBcm
-        force.F_Bq_W = SpatialForce(M_BBcm_W @ change / self._step)
-        return [force]
+        F_Bcm_W = SpatialForce(M_BBcm_W @ change / self._step)
+        return ports.applied_force(self._index, self._p_BoBcm, F_Bcm_W)
