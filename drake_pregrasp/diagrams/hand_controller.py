@@ -138,6 +138,7 @@ class HandController(Diagram):
                 object_solid=object_solid,
                 efforts=hand.kinematics.efforts,
                 stiffness=hand.kinematics.level_stiffness(self.initial),
+                least_stiffness=hand.kinematics.least_stiffness(self.initial),
                 palm_axis=R_LA[:, 2],
                 gravity=gravity,
             ),

@@ -112,7 +112,8 @@ class GraspSequencer(LeafSystem):
     or giving up until the next approach. A finger holds from the moment the hand closes until it
     releases; it may avoid obstacles at other times. The forces, once the hand closes, are those at
     the points of the object nearest to the fingertips. They balance the weight and the acceleration
-    of stop and lift; until the lift, only their part without a wrench is commanded.
+    of stop and lift; until the lift, only their part without a wrench is commanded. In the hold,
+    forces against displacements of the object are added (`restoring_forces`).
 
     Port `X_WG` emits a `RigidTransform`: the pose of the frame G of the command.
 
@@ -139,6 +140,7 @@ class GraspSequencer(LeafSystem):
         object_solid: The object in O; None to plan the squeeze at the contacts of `contacts`.
         efforts: Largest torque of each joint, shape (nq,), in N m; empty for no limits.
         stiffness: Horizontal stiffness of the fingertips, or of each, shape (n,), in N/m.
+        least_stiffness: The same in the direction in which they yield most.
         palm_axis: Unit vector from the object to the palm in W, shape (3,).
         gravity: Acceleration of the object along -z of W until the hand stops it, in m/s²: 0 for
             one that something carries.
@@ -157,6 +159,7 @@ class GraspSequencer(LeafSystem):
         object_solid: SignedDistance | None = None,
         efforts: FloatArray | None = None,
         stiffness: float | FloatArray = 400.0,
+        least_stiffness: float | FloatArray = 400.0,
         palm_axis: FloatArray = _UP,
         gravity: float = 0.0,
     ) -> None:
@@ -190,6 +193,7 @@ class GraspSequencer(LeafSystem):
         held = HeldObject(
             p_OCoM=self._p_OCoM,
             stiffness=np.broadcast_to(np.asarray(stiffness, dtype=float), n),
+            least_stiffness=np.broadcast_to(np.asarray(least_stiffness, dtype=float), n),
             friction=config.planned_friction * GRAVITY * mass,
             lift_axis=self._lift_axis,
             settings=self._settings,
@@ -242,6 +246,7 @@ class GraspSequencer(LeafSystem):
         if state.forces.any():
             since = 0.0 if memory.stands else time - memory.last.time
             forces = state.planned_forces(since, settings)
+            forces += self._held.restoring_forces(context, R_WG, p_WG + raised * axis)
         else:
             forces = state.touch_forces(self._contact_frames(context)[1], settings.touch_force)
         return GraspCommand(
@@ -343,7 +348,7 @@ class GraspSequencer(LeafSystem):
         if after is not state:
             discrete_state.set_value(self._state, after.to_vector())
         self._pose.store(context, discrete_state)
-        self._held.store(context, discrete_state, command, p_GT_goal)
+        self._held.store(context, discrete_state, command, p_GT, p_GT_goal)
 
     def _plan_squeeze(self, context: Context, active: BoolArray) -> Squeeze:
         p_OC, nhat, _ = self._contact_frames(context)

@@ -92,6 +92,18 @@ class HandKinematics:
         compliance = np.sum(J**2 / self.stiffness, axis=(1, 2)) / 2
         return np.asarray(1 / np.maximum(compliance, 1 / _STIFFEST))
 
+    def least_stiffness(self, q: FloatArray) -> FloatArray:
+        """Returns the stiffness of each finger at its tip where it yields most, (n,), in N/m.
+
+        It is the inverse of the largest eigenvalue of the compliance that `level_stiffness` has.
+
+        Args:
+            q: Positions of the joints, shape (nq,).
+        """
+        J = self.pose(q).J_WT * self._is_own[:, None]
+        compliance = np.linalg.norm(J / np.sqrt(self.stiffness), ord=2, axis=(1, 2)) ** 2
+        return np.asarray(1 / np.maximum(compliance, 1 / _STIFFEST))
+
     def with_limited_forces(
         self, J_WT: FloatArray, torques: FloatArray, limits: FloatArray
     ) -> FloatArray:

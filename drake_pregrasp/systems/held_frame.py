@@ -12,6 +12,7 @@ from drake_pregrasp.arrays import FloatArray, pack, unpacker, validated_numbers
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspSettings, GraspState
 from drake_pregrasp.grasping.hand_commands import GraspCommand
 from drake_pregrasp.grasping.held_motion import TETHER, HeldMotion
+from drake_pregrasp.grasping.object_stiffness import restoring_forces
 from drake_pregrasp.grasping.touch_correction import corrected_pose
 from drake_pregrasp.systems import ports
 
@@ -22,6 +23,7 @@ class HeldObject(NamedTuple):
     Attributes:
         p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
         stiffness: Horizontal stiffness of the fingertips, shape (n,), in N/m.
+        least_stiffness: Their stiffness where they yield most, shape (n,), in N/m.
         friction: Largest horizontal force that does not move G on a belt, in newtons.
         lift_axis: Unit vector of the lift in W, shape (3,).
         settings: Settings of the grasp.
@@ -31,6 +33,7 @@ class HeldObject(NamedTuple):
 
     p_OCoM: FloatArray
     stiffness: FloatArray
+    least_stiffness: FloatArray
     friction: float
     lift_axis: FloatArray
     settings: GraspSettings
@@ -42,10 +45,11 @@ class HeldMemory(NamedTuple):
 
     Attributes:
         last: Motion of G when it was last stored, in the squeeze or before it.
-        p_GT: Goals of the fingertips in G since they press firmly, else NaN, shape (n, 3): their
-            measured places would keep the strain of the touch, which then drives the object without
-            end.
-        sticks: Whether some fingertip has such a goal.
+        p_GT: Where the fingertips belong in G since they press firmly, else NaN, shape (n, 3). On
+            the table these are their goals: measured places would keep the strain of the touch,
+            which then drives the object without end. In the hold, they are their places at the end
+            of the lift.
+        sticks: Whether some fingertip has such a place.
         stands: Whether the object still stands on the table.
         is_gripped: Whether G moves with the fingertips, or as they left it: from the tick after
             the squeeze has begun, and in the air from the first tick of closing on.
@@ -164,11 +168,32 @@ class HeldFrame:
         rising = state.height.rate(context.get_time()) * self._held.lift_axis
         return SpatialVelocity(w=w_WG, v=v_WG + rising)
 
+    def restoring_forces(self, context: Context, R_WG: FloatArray, p_WG: FloatArray) -> FloatArray:
+        """Returns the forces that keep the object in its place in the hold, in G, shape (n, 3).
+
+        They are zero in other phases, and for fingers that do not hold or were not measured.
+
+        Args:
+            context: Context of the system.
+            R_WG: Present orientation of G, shape (3, 3).
+            p_WG: Present position of G, shape (3,), in metres.
+        """
+        state: GraspState = self._grasp.Eval(context)
+        p_GT = self.memory.Eval(context).p_GT
+        forces = np.zeros(p_GT.shape)
+        if state.phase == GraspPhase.HOLD:
+            d = (validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3) - p_WG) @ R_WG - p_GT
+            on = state.active & np.isfinite(d).all(axis=1)
+            p_CoMT, k = p_GT[on] - self._held.p_OCoM, self._held.least_stiffness[on]
+            forces[on] = restoring_forces(p_CoMT, d[on], k)
+        return forces
+
     def store(
         self,
         context: Context,
         discrete_state: DiscreteValues,
         command: GraspCommand,
+        p_GT: FloatArray,
         p_GT_goal: FloatArray,
     ) -> None:
         """Stores the motion while the hand closes or squeezes; after that it is kept.
@@ -177,9 +202,12 @@ class HeldFrame:
             context: Context of the system.
             discrete_state: Its next discrete state.
             command: Present command, with the motion of G until the fingers grip.
-            p_GT_goal: Goals of the fingertips in G, shape (n, 3), in metres.
+            p_GT: Present places of the fingertips in G, shape (n, 3), in metres.
+            p_GT_goal: Their goals in G, shape (n, 3), in metres.
         """
         state: GraspState = self._grasp.Eval(context)
+        if state.phase == GraspPhase.LIFT:
+            discrete_state.set_value(self._sticking, p_GT.ravel())
         if not GraspPhase.CLOSE <= state.phase <= GraspPhase.SQUEEZE:
             return
         motion: HeldMotion = self.near.Eval(context)

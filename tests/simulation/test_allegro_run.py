@@ -173,7 +173,7 @@ def test_boxes_of_all_sizes_within_the_opening_are_held(allegro_panda, tmp_path,
     assert grasp["held"]
     assert grasp["lift_height_mm"] > 95
     assert grasp["moved_closing_mm"] < 1.0
-    assert grasp["turned_shake_deg"] < 3  # The squeeze turns a box between soft drives farther.
+    assert grasp["turned_shake_deg"] < 1.1  # Without forces against it, up to 1.5°.
     assert max(grasp["tip_forces"]) < 12.0
 
 

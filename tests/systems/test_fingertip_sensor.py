@@ -56,13 +56,15 @@ def test_a_finger_of_one_joint_feels_the_force_along_its_motion_alone():
     np.testing.assert_allclose(felt, np.outer(pressed @ line, line), atol=1e-6)
 
 
-def test_the_stiffness_of_a_finger_is_the_inverse_of_its_mean_compliance():
+def test_the_stiffness_of_a_finger_is_the_inverse_of_its_compliance():
     hand = HAND.kinematics
+    least = hand.least_stiffness(Q)
     for finger, stiffness in enumerate(hand.level_stiffness(Q)):
         own = hand.own_joints(finger)
-        J = hand.pose(Q).J_WT[finger][:2, own]
+        J = hand.pose(Q).J_WT[finger][:, own]
         compliance = J @ np.diag(1 / hand.stiffness[own]) @ J.T
-        assert 1 / stiffness == pytest.approx(np.mean(np.linalg.eigvalsh(compliance)))
+        assert 1 / stiffness == pytest.approx(np.mean(np.linalg.eigvalsh(compliance[:2, :2])))
+        assert 1 / least[finger] == pytest.approx(np.max(np.linalg.eigvalsh(compliance)))
 
 
 def test_the_stiffness_of_a_finger_that_moves_up_and_down_only_is_finite(monkeypatch):

@@ -12,6 +12,7 @@ from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase
 from drake_pregrasp.grasping.held_motion import TETHER
+from drake_pregrasp.grasping.object_stiffness import HOLDING_GAIN
 
 MEETING = 1.5  # Time of the meeting, in seconds.
 STIFFNESS = 400.0
@@ -328,3 +329,28 @@ def test_in_the_air_the_frame_falls_on_from_closing_to_the_lift_and_then_stops()
     hand.advance(config.lift_duration)
     stopped = hand.eval("X_WG").translation() - [0.0, 0.0, config.lift_height]
     np.testing.assert_allclose(stopped - first, speeds[-1] * config.stop_duration / 2, atol=0.07)
+
+
+def test_in_the_hold_fingers_keep_the_object_where_it_was_lifted_to():
+    X_WO, way = RigidTransform([0.0, 0.0, 0.05]), np.array([0.001, -0.002, 0.0005])
+    hand, moved = squeeze_at(X_WO), RigidTransform(way)
+    forces = {}
+    while hand.context.get_time() < 8:
+        phase = hand.array("grasp_report")[0]
+        X_WG = hand.eval("X_WG")
+        for name, X in (("resting", X_WG), ("moved", moved @ X_WG)):
+            hand.fix(p_WT=tips_at(X, 0.0))
+            forces[name] = hand.eval("command").f_T_W
+        pushes = forces["moved"] - forces["resting"]
+        holds = phase == GraspPhase.HOLD
+        spring = -HOLDING_GAIN * STIFFNESS * way
+        np.testing.assert_allclose(pushes, holds * np.tile(spring, (N, 1)), atol=1e-6)
+        hand.fix(p_WT=tips_at(X_WG, 0.0))
+        hand.tick()
+    assert phase == GraspPhase.HOLD
+    p_WT = tips_at(moved @ X_WG, 0.0)
+    p_WT[:3] = np.nan  # What is not measured exerts nothing, and the others hold.
+    hand.fix(p_WT=p_WT)
+    pushes = hand.eval("command").f_T_W - forces["resting"]
+    np.testing.assert_allclose(pushes[0], 0, atol=1e-6)
+    np.testing.assert_allclose(pushes[1:], np.tile(spring, (N - 1, 1)), atol=1e-6)
