@@ -67,6 +67,7 @@ _MANY_CORNERS = 6  # So many corners give four points of contact that are not in
 _RESTING_DEPTH = 5e-6  # Of an object on its widest face, in metres. Stiffer objects rock.
 _RESOLUTION = 0.1  # Drake requires it, but a hull is not tessellated.
 _RIM = 0.25  # Width of the rim of a sliding object's faces, as a share of the way to their middle.
+_LEAST_RIMMED = 1e-3  # Share of the hull's area from which on a face has a rim: not those of a ball.
 _BALL_RESOLUTION = 0.02  # Edges of the tetrahedra of obstacles that are balls, in metres.
 _GAINS = PdControllerGains(p=1e4, d=2e2)  # The same as those of the conveyor.
 
@@ -190,10 +191,11 @@ def _hull_data(hull: trimesh.Trimesh, *, has_rims: bool) -> InMemoryMesh:
 
     Args:
         hull: The convex hull in O.
-        has_rims: Whether its faces have a rim of narrow triangles.
+        has_rims: Whether its faces, but for small ones, have a rim of narrow triangles.
     """
     # trimesh hashes its arrays at each access.
     vertices, faces, centroid = np.array(hull.vertices), np.array(hull.faces), hull.centroid
+    shares = np.array(hull.area_faces) / hull.area
     points, triangles = [*vertices], []
     for face in _hull_faces(hull):
         own = faces[face]
@@ -204,7 +206,7 @@ def _hull_data(hull: trimesh.Trimesh, *, has_rims: bool) -> InMemoryMesh:
         # Triangles that are only almost in a plane may have their middle beside them.
         volumes = np.cross(corners[:, 0], corners[:, 1]) @ (middle - centroid)
         is_round = np.all(volumes > 0)
-        if has_rims and is_round:
+        if has_rims and is_round and np.sum(shares[face]) >= _LEAST_RIMMED:
             inner = {a: len(points) + k for k, (a, _) in enumerate(border)}
             points += [vertices[a] + _RIM * (middle - vertices[a]) for a, _ in border]
             for a, b in border:
