@@ -11,8 +11,8 @@ FOLDER = Path(__file__).parent
 
 NUMBERS = {3: "three", 4: "four", 5: "five"}
 RISE, AWAY = 1.05, 0.35
-"""Angles of the fast hand's reach in radians: of its directions over the plane across the palm's axis,
-and the largest one of normals below this plane."""
+"""Angles of the fast hand's reach from the plane across the palm's axis, in radians: that of its
+directions over it, and the largest one of normals below it."""
 
 KNUCKLE_CIRCLE = 0.050
 PROXIMAL, DISTAL = 0.090, 0.110

@@ -28,6 +28,7 @@ GATE_SHARE = 0.5
 CRUSHING = 1.3
 """Ratio of force to largest planned force at which a hand opens; measured forces are rough."""
 
+_BOUNCE = 0.02  # Time without force after which a finger that lifts has lost touch, in seconds.
 _STRAIN = 0.002  # Depth to which a finger that touches presses, within the limit of its force.
 _ON_THE_WAY = 1.5  # Distance from its goal, in gate distances, beyond which a finger moves to it.
 _EASING = 0.2  # Share of the closing speed with which fingers give up this strain.
@@ -115,6 +116,9 @@ def next_state(
         state = replace(state, reason=GiveUp.BLOCKED, detail=float(view.blocked))
     elif state.reason == GiveUp.BLOCKED:
         state = replace(state, reason=GiveUp.NONE, detail=0.0)
+    if state.phase in (GraspPhase.LIFT, GraspPhase.HOLD):
+        is_off = view.presses < settings.touch_force / 2
+        state = replace(state, pressed=np.where(is_off, state.pressed, view.time))
     if GraspPhase.CLOSE <= state.phase <= GraspPhase.HOLD:
         fault = _fault(state, view, settings)
         if fault is not None:
@@ -148,7 +152,7 @@ def _fault(
     if excess[hardest] > 0:
         return GiveUp.PRESSED_TOO_HARD, hardest
     if state.phase >= GraspPhase.LIFT:
-        lost = np.flatnonzero(state.active & (view.presses < settings.touch_force / 2))
+        lost = np.flatnonzero(state.active & (view.time - state.pressed >= _BOUNCE - TIME_ROUNDING))
         if len(lost):
             return GiveUp.LOST_TOUCH, float(lost[0])
     return None
@@ -295,7 +299,8 @@ def _squeeze(
             share = min(slower, max(state.share, _ALMOST))
         return replace(state, share=share, standoffs=standoffs)
     lift = Ramp(view.time, settings.lift_duration, 0.0, settings.lift_height)
-    return replace(_enter(state, GraspPhase.LIFT, view), height=lift)
+    pressed = np.full(len(state.active), view.time)
+    return replace(_enter(state, GraspPhase.LIFT, view), height=lift, pressed=pressed)
 
 
 def _back_off(

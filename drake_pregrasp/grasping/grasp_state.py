@@ -244,6 +244,7 @@ class GraspState:
         standoffs: Commanded gap between each fingertip and the object, shape (n,), in metres.
         active: Whether each finger takes part, shape (n,), fixed when the hand closes.
         touched: Whether each finger touches the object, shape (n,), until the squeeze begins.
+        pressed: Time in seconds at which each finger pressed last, from the lift on, shape (n,).
         forces: Planned forces of the fingers on the object, in G, shape (n, 3), in newtons.
         internal: Their internal part, which exerts no wrench, shape (n, 3), in newtons.
         stopping: Part of them that stops the object, shape (n, 3), in newtons.
@@ -261,6 +262,7 @@ class GraspState:
     standoffs: FloatArray
     active: BoolArray
     touched: BoolArray
+    pressed: FloatArray
     forces: FloatArray
     internal: FloatArray
     stopping: FloatArray
@@ -281,6 +283,7 @@ class GraspState:
             standoffs=np.full(num_fingers, settings.standoff, dtype=float),
             active=np.zeros(num_fingers, dtype=bool),
             touched=np.zeros(num_fingers, dtype=bool),
+            pressed=np.zeros(num_fingers),
             forces=np.zeros((num_fingers, 3)),
             internal=np.zeros((num_fingers, 3)),
             stopping=np.zeros((num_fingers, 3)),

@@ -395,6 +395,21 @@ def test_a_squeeze_is_not_completed_while_a_finger_does_not_press():
     assert (states[-1].reason, states[-1].detail) == (GiveUp.LOST_TOUCH, 2)
 
 
+@pytest.mark.parametrize(("duration", "is_lost"), [(0.018, False), (0.022, True)])
+def test_a_finger_that_bounces_in_the_lift_has_not_lost_touch(duration, is_lost):
+    scene, state, period = Scene(), GraspState.first(N, SETTINGS), 0.002
+    begun = None
+    for tick in range(3000):
+        time = tick * period
+        if begun is None and state.phase == GraspPhase.LIFT:
+            begun = time
+        off = begun is not None and time < begun + duration - 1e-9
+        scene.force = np.where(np.arange(N) == 4, -9.0 * off, 0.0)
+        state = next_state(state, scene.view(time, time >= 2.0, state), SETTINGS, period, balanced)
+    assert begun is not None
+    assert (state.reason == GiveUp.LOST_TOUCH) == is_lost
+
+
 @pytest.mark.parametrize(("gap", "touches"), [(0.0005, True), (0.01, False)])
 def test_a_fingertip_that_bounces_off_the_surface_still_touches(gap, touches):
     state = replace(
