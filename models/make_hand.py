@@ -10,10 +10,6 @@ from pathlib import Path
 FOLDER = Path(__file__).parent
 
 NUMBERS = {3: "three", 4: "four", 5: "five"}
-RISE, AWAY = 1.05, 0.35
-"""Angles of the fast hand's reach from the plane across the palm's axis, in radians: that of its
-directions over it, and the largest one of normals below it."""
-
 KNUCKLE_CIRCLE = 0.050
 PROXIMAL, DISTAL = 0.090, 0.110
 LINK_RADIUS, TIP_RADIUS = 0.006, 0.009
@@ -71,8 +67,8 @@ FAST = """\
 # force of 350 N; 25 m/s2 of the slowest axis of the model, 11 kg with its motor, take 280 N. It is
 # idealised: the beams of a real gantry with 3 m of travel are heavier, and they bend.
 # An object that comes along the palm's axis passes between the fingertips: they touch within 20 mm
-# of the plane across this axis (boxes), and no sides that face away from the palm by more than 20
-# degrees, for which they would be in its way: the directions rise steeply to the palm.
+# of the plane across this axis (boxes), on sides that are at most 20 degrees from parallel to it
+# (elevation).
 model: package://drake_pregrasp/five_finger_hand.sdf
 base: !Carrier {joints: [x, y, z, yaw], palm_height: 0.155}
 drives:
@@ -309,16 +305,12 @@ def sector(azimuth: float) -> str:
 
 
 def slab(azimuth: float) -> str:
-    """Returns the reach of a finger on its side of the palm's axis, near the plane across it.
-
-    Its direction rises to the palm, so that normals may point hardly away from the palm.
-    """
+    """Returns the reach of a finger on its side of the palm's axis, near the plane across it."""
     x, y = math.cos(azimuth), math.sin(azimuth)
-    level, up = math.cos(RISE), math.sin(RISE)
     return (
         f"!BoxReach {{center: [{0.06 * x:.4f}, {0.06 * y:.4f}, 0], size: [0.12, 0.18, 0.04],"
-        f" rpy: [0, 0, {azimuth:.4f}], direction: [{level * x:.4f}, {level * y:.4f}, {up:.4f}],"
-        f" incidence: {RISE + AWAY:.4g}}}"
+        f" rpy: [0, 0, {azimuth:.4f}], direction: [{x:.4f}, {y:.4f}, 0], incidence: 1.22,"
+        " elevation: 0.35}"
     )
 
 

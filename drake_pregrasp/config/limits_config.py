@@ -24,9 +24,9 @@ _HALF_TURN = 3.1416  # Largest angle between two directions, in radians.
 
 @dataclass
 class _Incidence:
-    """Bound on the angle between a finger and the surface's normal."""
+    """Bounds on the angles between a finger or its hand's axis and the surface's normal."""
 
-    # Direction from the hand outward along the finger, in H; of any length. `incidence` needs it.
+    # Direction from the hand outward along the finger, in H; of any length. The angles need it.
     direction: list[float] = field(
         default_factory=list, metadata={"at_least": -10, "at_most": 10}, kw_only=True
     )
@@ -36,13 +36,20 @@ class _Incidence:
         default=_HALF_TURN, metadata={"above": 0, "at_most": _HALF_TURN}, kw_only=True
     )
 
+    # Largest angle between this normal and the xy plane of H, in radians: small for a hand that
+    # catches objects which come along z of H, and pass between its fingertips.
+    elevation: float = field(
+        default=_HALF_TURN / 2, metadata={"above": 0, "at_most": _HALF_TURN / 2}, kw_only=True
+    )
+
     def _reach_in(self, solid: Solid) -> FingerReach:
         if len(self.direction) not in (0, 3):
             raise InvalidArgumentError(
-                f"direction {self.direction} must have 3 elements, or none without incidence"
+                f"direction {self.direction} must have 3 elements, or none without angles"
             )
         direction = np.array(self.direction) if self.direction else None
-        return FingerReach(solid=solid, direction=direction, incidence=self.incidence)
+        angles = {"incidence": self.incidence, "elevation": self.elevation}
+        return FingerReach(solid=solid, direction=direction, **angles)
 
 
 @dataclass

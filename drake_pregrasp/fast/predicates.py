@@ -56,13 +56,14 @@ def distance_to(row, x, y, z):  # type: ignore[no-untyped-def]
 
 @compiled()
 def sector_gaps(row, tx, ty, tz, nx, ny, nz):  # type: ignore[no-untyped-def]
-    """Returns by how much a tip and a normal are inside a sector's two angles, below 0 outside."""
+    """Returns by how much a tip and a normal are inside a sector's angles, below 0 outside."""
     x, y, z = tx - row[0], ty - row[1], tz - row[2]
     height = x * row[3] + y * row[4] + z * row[5]
     x, y, z = x - height * row[3], y - height * row[4], z - height * row[5]
     length = math.sqrt(x * x + y * y + z * z)
     sideways = x * row[6] + y * row[7] + z * row[8] - row[12] * length
-    return sideways, nx * row[9] + ny * row[10] + nz * row[11] - row[13]
+    level = -abs(nx * row[3] + ny * row[4] + nz * row[5]) - row[14]
+    return sideways, nx * row[9] + ny * row[10] + nz * row[11] - row[13], level
 
 
 @compiled()
@@ -142,8 +143,8 @@ def limits_of_block(i, contact, q, nhat, start, stop, owners, shared, near, out,
             gaps[k] = distance_to(solid, x[k], y[k], z[k])
         for k in range(size):
             tx, ty, tz = x[k] + far * nx[k], y[k] + far * ny[k], z[k] + far * nz[k]
-            sideways, facing = sector_gaps(sector, tx, ty, tz, nx[k], ny[k], nz[k])
-            is_reached = (gaps[k] <= 0.0) & (sideways >= 0.0) & (facing >= 0.0)
+            sideways, facing, level = sector_gaps(sector, tx, ty, tz, nx[k], ny[k], nz[k])
+            is_reached = (gaps[k] <= 0.0) & (sideways >= 0.0) & (facing >= 0.0) & (level >= 0.0)
             limits[k] = _REACH if (limits[k] == _NONE) & (not is_reached) else limits[k]
     if any_positive(hand[4]):
         least = hand[4]
@@ -219,8 +220,9 @@ def near_obstacles(contact, box, d, shared, lists, gaps):  # type: ignore[no-unt
 @compiled()
 def no_limits(contact):  # type: ignore[no-untyped-def]
     """Returns whether a contact has neither closed faces nor a limited reach."""
-    unlimited = contact[_SECTOR + 12] == ANY_ANGLE and contact[_SECTOR + 13] == ANY_ANGLE
-    unlimited = unlimited and contact[_SOLID + 17] == np.inf
+    unlimited = contact[_SOLID + 17] == np.inf
+    for k in range(12, 15):
+        unlimited = unlimited and contact[_SECTOR + k] == ANY_ANGLE
     return unlimited and not any_positive(contact[_CLOSED:])
 
 

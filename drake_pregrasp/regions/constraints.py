@@ -118,7 +118,7 @@ class Obstacles:
         )
 
 
-RADIUS, REACH_SOLID, SECTOR, CLOSED = 0, slice(1, 20), slice(20, 34), slice(34, 40)
+RADIUS, REACH_SOLID, SECTOR, CLOSED = 0, slice(1, 20), slice(20, 35), slice(35, 41)
 """Parts of a contact's row in `Predicates`: the radius of the fingertip; the solid and the sector
 of its reach (see `reached`); and which faces are closed, in the order of `_FACES`."""
 
@@ -135,7 +135,7 @@ class Predicates:
     implementation use these arrays.
 
     Attributes:
-        contacts: Row of each contact, shape (n, 40): `RADIUS`, `REACH_SOLID`, `SECTOR`, `CLOSED`.
+        contacts: Row of each contact, shape (n, 41): `RADIUS`, `REACH_SOLID`, `SECTOR`, `CLOSED`.
         solids: Rows of the solids at all times, and the index of each obstacle, shape (k, 20); in
             ascending order of the index.
         points: Points, their radii and the index of each obstacle, shape (p, 5); in ascending order

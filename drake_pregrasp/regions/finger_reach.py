@@ -12,7 +12,7 @@ from drake_pregrasp.geometry.solids import EVERYWHERE, Solid, moved_rows, rounde
 ANY_ANGLE = -2.0
 """Least cosine of an angle that limits nothing."""
 
-UNLIMITED = np.concatenate([EVERYWHERE, np.zeros(12), [ANY_ANGLE] * 2])
+UNLIMITED = np.concatenate([EVERYWHERE, np.zeros(12), [ANY_ANGLE] * 3])
 """Row of the reach of a finger that reaches everything; see `reached`."""
 
 
@@ -27,11 +27,14 @@ class FingerReach:
     Attributes:
         solid: Solid that has to contain the contact, or None.
         direction: Direction in which the finger points away from the hand's axis, shape (3,), not
-            zero; None if neither angle below is limited.
+            zero; None if none of the angles below is limited.
         half_angle: Largest angle between `direction` and the vector from the axis to the fingertip
             at its standoff, both projected across the axis, in radians.
         incidence: Largest angle between `direction` and the outward normal at the contact, in
             radians. Beyond it, a finger reaches around an edge and touches with a link.
+        elevation: Largest angle between this normal and the plane across the axis, in radians.
+            Beyond it, an object that comes along the axis does not pass between the fingertips, or
+            fingers that touch it push it along the axis.
         origin: Point of the hand's axis, shape (3,), in metres.
         axis: Axis of the hand, a unit vector, shape (3,).
     """
@@ -40,12 +43,13 @@ class FingerReach:
     direction: FloatArray | None = None
     half_angle: float = np.pi
     incidence: float = np.pi
+    elevation: float = np.pi / 2
     origin: FloatArray = field(default_factory=lambda: np.zeros(3))
     axis: FloatArray = field(default_factory=_z)
 
     def __post_init__(self) -> None:
         if self.direction is None:
-            if min(self.half_angle, self.incidence) < np.pi:
+            if min(self.half_angle, self.incidence, 2 * self.elevation) < np.pi:
                 raise InvalidArgumentError("a reach with an angle needs a direction")
             return
         length = float(np.linalg.norm(self.direction))
@@ -85,7 +89,7 @@ class FingerReach:
 
     @cached_property
     def row(self) -> FloatArray:
-        """The reach as plain numbers, shape (33,); see `reached`."""
+        """The reach as plain numbers, shape (34,); see `reached`."""
         solid = EVERYWHERE if self.solid is None else self.solid.rounded_box()
         if self.direction is None:
             return np.concatenate([solid, UNLIMITED[19:]])
@@ -95,6 +99,7 @@ class FingerReach:
             np.cos(angle) if angle < np.pi else ANY_ANGLE
             for angle in (self.half_angle, self.incidence)
         ]
+        cosines.append(-np.sin(self.elevation) if self.elevation < np.pi / 2 else ANY_ANGLE)
         return np.concatenate([solid, self.origin, self.axis, middle, self.direction, cosines])
 
     def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "FingerReach":
@@ -120,8 +125,8 @@ def reached(
 
     Args:
         row: Row of the solid (19; see `rounded_box_distances`); origin, axis, middle direction
-            across the axis, and direction (12); and the least cosines of the angles of tips and of
-            normals (2).
+            across the axis, and direction (12); the least cosines of the angles of tips and of
+            normals, and the negative sine of the largest elevation of normals (3).
         contacts: As for `FingerReach.permits`, as the other arguments.
         normals: Outward unit normals at the contacts.
         tips: Centres of the fingertip at its standoff.
@@ -132,11 +137,12 @@ def reached(
     permitted: BoolArray = rounded_box_distances(row[:19], contacts) <= 0
     permitted &= outward @ middle >= row[31] * np.linalg.norm(outward, axis=1)
     permitted &= normals @ direction >= row[32]
+    permitted &= -np.abs(normals @ axis) >= row[33]
     return permitted
 
 
 def moved_reaches(rows: FloatArray, R_GF: FloatArray, p_GF: FloatArray) -> FloatArray:
-    """Returns rows for `reached` expressed in a frame G, shape (n, 33); see `FingerReach.moved`."""
+    """Returns rows for `reached` expressed in a frame G, shape (n, 34); see `FingerReach.moved`."""
     sectors = rows[:, 19:31].reshape(-1, 4, 3) @ R_GF.T
     sectors[:, 0] += p_GF
     parts = moved_rows(rows[:, :19], R_GF, p_GF), sectors.reshape(-1, 12), rows[:, 31:]

@@ -34,6 +34,7 @@ from drake_pregrasp.grasping.grasp_state import (
 )
 from drake_pregrasp.grasping.hand_commands import GraspCommand
 from drake_pregrasp.grasping.held_motion import HeldMotion
+from drake_pregrasp.grasping.passing import passing_gaps
 from drake_pregrasp.grasping.touch_correction import corrected_pose
 from drake_pregrasp.systems import ports
 from drake_pregrasp.systems.held_frame import HeldFrame, HeldMemory, HeldObject
@@ -238,10 +239,13 @@ class GraspSequencer(LeafSystem):
                 V_WG = memory.last.stopping(time + half, settings.stop_duration).V_WG
         axis = self._lift_axis if state.share > 0 else self._palm_axis
         raised, rising = state.height.value(time), state.height.rate(time + half)
+        standoffs = state.standoffs
         if state.phase == GraspPhase.APPROACH:
             p_WL, v_WL = approach = self._approach.Eval(context)[1:].reshape(2, 3)
             if are_valid(approach):
                 p_GL_W, raised, rising = R_WG @ self._p_OCoM, 0.0, 0.0
+                left = float((p_WL - p_WO - p_GL_W) @ axis)
+                standoffs = self._passing_gaps(context, standoffs, left, axis @ R_WG)
                 p_WG, V_WG = p_WL - p_GL_W, np.array([V_WG[0], v_WL - skew(V_WG[0]) @ p_GL_W])
         if state.forces.any():
             since = 0.0 if memory.stands else time - memory.last.time
@@ -258,11 +262,22 @@ class GraspSequencer(LeafSystem):
             V_WG=np.array([V_WG[0], V_WG[1] + rising * axis]),
             is_tracked=is_tracked,
             holds_contacts=state.holds_contacts,
-            standoffs=state.standoffs,
+            standoffs=standoffs,
             fingers_hold=state.fingers_hold,
             f_T_W=forces @ R_WG.T,
             force_limits=state.force_limits(settings.touch_force),
         )
+
+    def _passing_gaps(
+        self, context: Context, standoffs: FloatArray, left: float, up: FloatArray
+    ) -> FloatArray:
+        """Returns the gaps at which fingertips let an object pass that is a way off, shape (n,)."""
+        if self._solid is None or not left > 0:
+            return standoffs
+        length = self._solid.highest(up) + self._solid.highest(-up)
+        p_OC, nhat, _ = self._contact_frames(context)
+        way = min(left, length) * up
+        return passing_gaps(p_OC, nhat, standoffs, self._radius, way, self._solid)
 
     def _calc_hold(self, context: Context) -> list[float]:
         state: GraspState = self._grasp.Eval(context)

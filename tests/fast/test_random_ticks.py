@@ -72,10 +72,8 @@ def random_reach(rng, center):
     direction = None if rng.random() < 0.4 else rng.normal(size=3)
     if direction is None:
         return FingerReach(solid)
-    half_angle, incidence = rng.uniform(0.5, 4, 2)
-    return FingerReach(
-        solid, direction, min(half_angle, np.pi), min(incidence, np.pi), rng.normal(0, 0.01, 3)
-    )
+    angles = np.minimum(rng.uniform(0.5, 4, 3), [np.pi, np.pi, np.pi / 2]).tolist()
+    return FingerReach(solid, direction, *angles, rng.normal(0, 0.01, 3))
 
 
 def random_measures(rng, n, *, k=3, nodes=4):

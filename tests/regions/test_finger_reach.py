@@ -36,6 +36,15 @@ def test_incidence_is_the_angle_between_normal_and_finger():
         assert np.all(permitted(reach)[area] == (angle.get(face, np.pi) <= 1.0))
 
 
+@pytest.mark.parametrize("lean", [0.0, 0.4, 0.8])
+def test_elevation_is_the_angle_between_normal_and_the_plane_across_the_axis(lean):
+    axis = np.array([np.sin(lean), 0.0, np.cos(lean)])
+    reach = FingerReach(direction=np.array([1.0, 0.5, 0.0]), elevation=0.6, axis=axis)
+    for face in ("+x", "-x", "+y", "-y"):
+        angle = lean if face[1] == "x" else 0.0
+        assert np.all(permitted(reach)[AxisArea(face).holds(CUBE.nhat_OQ)] == (angle <= 0.6))
+
+
 def test_every_test_has_to_be_passed():
     direction = np.array([1.0, 0.3, 0.0])
     solid = BallSolid(np.array([0.05, 0.0, 0.0]), 0.04)
@@ -57,6 +66,8 @@ def test_reach_is_the_same_in_every_frame():
         direction=np.array([1.0, 0.4, 0.2]),
         half_angle=0.8,
         incidence=1.1,
+        elevation=0.5,
+        axis=np.array([0.28, 0.0, 0.96]),
     )
     moved = reach.moved(R_GF, p_GF).permits(
         CUBE.p_OQ @ R_GF.T + p_GF, CUBE.nhat_OQ @ R_GF.T, TIPS @ R_GF.T + p_GF
@@ -69,6 +80,7 @@ def test_reach_is_the_same_in_every_frame():
     [
         ({"half_angle": 1.0}, "needs a direction"),
         ({"incidence": 1.0}, "needs a direction"),
+        ({"elevation": 1.0}, "needs a direction"),
         ({"direction": np.zeros(3)}, "must not be zero"),
         ({"direction": np.array([0.0, 0.0, 1.0]), "half_angle": 1.0}, "along the hand's axis"),
     ],
