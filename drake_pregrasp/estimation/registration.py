@@ -24,7 +24,8 @@ _COARSE = (0.03, 0.03, 0.02, 0.02, 0.015)  # Scales of the first steps, in metre
 _FINALISTS = 24  # Best starts, which are aligned to all points.
 _YAWS, _UPRIGHT = 24, 6  # Turns about one axis, and finalists of the upright ones.
 _AS_WELL = 0.002  # Share of the points by which poses that fit as well differ.
-_OFFSETS = 3.0  # Standard deviations of an offset that the table does not contradict.
+_OFFSETS = 3.0  # Standard deviations of a height that the table does not contradict.
+_SHIFTED = 8  # Best ends that are shifted.
 _ENDS = 2  # Passes over the scales of an alignment.
 _WALL = 0.005  # Shift by which points come to the other side of a thin wall, in metres.
 _UP = np.array([0.0, 0.0, 1.0])
@@ -46,10 +47,10 @@ def register_pose(
 
     The middle of the object's bounding box starts at that of the points. On a table, the object
     starts on it, and what the pose leaves between them counts as misfit, apart from three standard
-    deviations of an offset of the points. From the best pose, further ones start: turned about the
-    axis about which the points tell least, and shifted so far that points of one side of a wall
-    reach the other. Of poses that fit as well, such as those of a symmetric object, the one that is
-    turned least from the axes of W counts.
+    deviations of a height and of an offset of the points. From the best poses, further ones start:
+    shifted so far that points of one side of a wall reach the other, and turned about the axis
+    about which the points tell least. Of poses that fit as well, such as those of a symmetric
+    object, the one that is turned least from the axes of W counts.
 
     Args:
         grid: Signed distances of the object in O.
@@ -70,7 +71,7 @@ def register_pose(
         if table:
             p_WO[2] = -low[2]
         found.append(align(grid, few, R_WO, p_WO, std, _COARSE))
-    slack = _OFFSETS * offset_std if table else np.inf
+    slack = _OFFSETS * float(np.hypot(offset_std, std[5])) if table else np.inf
     misfits = [_misfit(start, corners, len(few.radius), slack) for start in found]
     points = SurfacePoints.seen(p_WQ, point_std)
     ends: list[tuple[float, Alignment]] = []  # With their misfits.
@@ -80,15 +81,22 @@ def register_pose(
             R_WO, p_WO, *_ = end = align(grid, points, R_WO, p_WO, std, SCALES)
         ends.append((_misfit(end, corners, len(p_WQ), slack), end))
 
+    def best(number: int) -> list[Alignment]:
+        return [end for _, end in sorted(ends, key=itemgetter(0))[:number]]
+
+    def shift(number: int) -> None:
+        for end in best(number):
+            for step in _WALL * np.vstack([np.eye(3), -np.eye(3)]):
+                add(end.R_WO, end.p_WO + step)
+
     for k in {*np.argsort(misfits)[:_FINALISTS], *np.argsort(misfits[:_YAWS])[:_UPRIGHT]}:
         add(found[k].R_WO, found[k].p_WO)
-    best = min(ends, key=itemgetter(0))[1]
-    axis, p_WA = _hidden_axis(best)
+    shift(_SHIFTED)
+    (end,) = best(1)
+    axis, p_WA = _hidden_axis(end)
     for turn in _turns(axis):
-        add(turn @ best.R_WO, p_WA + turn @ (best.p_WO - p_WA))
-    best = min(ends, key=itemgetter(0))[1]
-    for shift in _WALL * np.vstack([np.eye(3), -np.eye(3)]):
-        add(best.R_WO, best.p_WO + shift)
+        add(turn @ end.R_WO, p_WA + turn @ (end.p_WO - p_WA))
+    shift(1)
     least = min(misfit for misfit, _ in ends) + _AS_WELL
     equal = [end for misfit, end in ends if misfit <= least]
     return max(equal, key=lambda end: float(np.trace(end.R_WO)))

@@ -45,9 +45,14 @@ class Tracked(NamedTuple):
 
 
 class Scene:
-    """A mesh over a table, a camera that sees it, and an estimator of its pose."""
+    """A mesh over a table, cameras that see it, and an estimator of its pose.
 
-    def __init__(self, name: str) -> None:
+    Args:
+        name: Name of a shipped mesh.
+        cameras: Number of cameras, 1 or 2; the second one looks from the opposite side.
+    """
+
+    def __init__(self, name: str, cameras: int = 1) -> None:
         shape = Mesh(file=f"package://drake_pregrasp/{name}.obj").make_shape()
         self.mesh, self.solid = shape.mesh, MeshSolid.of(shape.mesh)
         builder = RobotDiagramBuilder(time_step=0.01)
@@ -58,7 +63,8 @@ class Scene:
         self.plant.RegisterVisualGeometry(world, X_WT, table, "table", grey)
         self.plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
         self.plant.Finalize()
-        self.config = dp.DepthSensorConfig([dp.CameraConfig()], period=1 / RATE, latency=1 / RATE)
+        places = [dp.CameraConfig(), dp.CameraConfig(position=[-0.45, 0.45, 0.45])][:cameras]
+        self.config = dp.DepthSensorConfig(places, period=1 / RATE, latency=1 / RATE)
         graph = builder.scene_graph()
         self.sensor = inner.AddNamedSystem("sensor", dp.DepthSensor(self.config, graph))
         inner.Connect(graph.get_query_output_port(), self.sensor.GetInputPort("query_object"))

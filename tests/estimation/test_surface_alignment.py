@@ -176,3 +176,16 @@ def test_points_of_a_thin_wall_are_registered_on_their_side_of_it():
     for index in (6, 17, 22):
         found = scene.seen.measured(scene.points(poses[index], 91001 + index), 0.0, None)
         assert scene.off(poses[index], found.R_WO, found.p_WO) < 3e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("cameras", "is_seen"), [(1, False), (2, True)])
+def test_the_turn_of_a_mug_is_uncertain_while_its_handle_is_hidden(cameras, is_seen):
+    """The mug lies on its handle. Only the second camera sees the handle."""
+    scene, rng = Scene("mug", cameras), np.random.default_rng(5)
+    X_WO = [scene.resting(rng) for _ in range(13)][-1]
+    found = scene.seen.measured(scene.points(X_WO, 17), 0.0, None)
+    axis = X_WO.rotation().matrix()[:, 2]
+    std = np.sqrt(axis @ first_belief(found, scene.seen.noise).P[0, :3, :3] @ axis)
+    assert (std < 0.02) if is_seen else (std > np.pi)
+    assert (scene.off(X_WO, found.R_WO, found.p_WO) < 3e-3) == is_seen
