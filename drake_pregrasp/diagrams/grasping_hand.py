@@ -156,7 +156,7 @@ def add_grasping_hand(
         source = goals(builder, GoalInputs(planning, controller, weights, obstacles))
     connect(builder, source, "fingertip_targets contact_status", controller)
     connect(builder, planning, "X_WO_estimated V_WO_estimated tracking_status", controller)
-    connect(builder, planning, "p_WO_covariance", controller)
+    connect(builder, planning, "p_WO_covariance camera_offset", controller)
     connect(builder, controller, "hold_contacts V_WO_held X_WU p_WT touching", planning)
     connect(builder, controller, "late_fingers", planning)
     if planner.limits.reach:

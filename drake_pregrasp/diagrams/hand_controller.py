@@ -37,6 +37,7 @@ class HandController(Diagram):
         - obstacles
         - tracking_status
         - p_WO_covariance
+        - camera_offset
         output_ports:
         - desired_state
         - p_GT
@@ -54,10 +55,10 @@ class HandController(Diagram):
 
     The ports are those of the systems inside, which document them. The planner is connected to
     `fingertip_targets`, `contact_status`, `X_WO_estimated`, `V_WO_estimated` and, optionally,
-    `tracking_status` and `p_WO_covariance`; `obstacles` is optional too, and `close` is the
-    command. The hand's plant is connected to `hand_state` and `net_actuation`, and to
-    `desired_state` (`DifferentialKinematics`). Observers may use `p_GT` (`HandGoalShaper`), `p_WT`
-    and `f_T_W` (`FingertipSensor`), `X_WG` and `grasp_report` (`GraspSequencer`), and
+    `tracking_status`, `p_WO_covariance` and `camera_offset`; `obstacles` is optional too, and
+    `close` is the command. The hand's plant is connected to `hand_state` and `net_actuation`, and
+    to `desired_state` (`DifferentialKinematics`). Observers may use `p_GT` (`HandGoalShaper`),
+    `p_WT` and `f_T_W` (`FingertipSensor`), `X_WG` and `grasp_report` (`GraspSequencer`), and
     `catch_certificate` (`InterceptionPlanner`). The planner may use `X_WH` and `X_WU`
     (`HandGoalShaper`) for the reach and the measures of the fingers, `hold_contacts`
     (`GraspSequencer`), which holds its goals while the hand grasps, `V_WO_held`, `p_WT` and
@@ -248,6 +249,7 @@ def _connect(
     export_inputs(builder, "obstacles", shaper, kinematics)
     export_inputs(builder, "tracking_status", sequencer, interception)
     export_inputs(builder, "p_WO_covariance", interception)
+    export_inputs(builder, "camera_offset", sequencer)
     export_outputs(builder, kinematics, "desired_state")
     export_outputs(builder, shaper, "p_GT")
     export_outputs(builder, sensor, "p_WT f_T_W")

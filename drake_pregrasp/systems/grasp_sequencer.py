@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -43,8 +44,7 @@ from drake_pregrasp.systems.squeeze_program import plan_lift
 GRAVITY: float = UniformGravityFieldElement.kDefaultStrength
 """Acceleration of gravity along -z of W, in m/s²."""
 
-
-_UP = np.array([0.0, 0.0, 1.0])
+_UP, _HORIZONTAL = np.array([0.0, 0.0, 1.0]), np.array([1.0, 1.0, 0.0])
 
 
 class GraspSequencer(LeafSystem):
@@ -64,6 +64,7 @@ class GraspSequencer(LeafSystem):
         - J_WT
         - blocked_finger
         - approach
+        - camera_offset
         output_ports:
         - command
         - X_WG
@@ -105,6 +106,11 @@ class GraspSequencer(LeafSystem):
     Port `approach` accepts a vector of 7: the time of the meeting with the object, and the place
     and the velocity of the palm's axis until then (`InterceptionPlanner`). While it is not finite,
     apart from the time, the hand is raised over the object.
+
+    Port `camera_offset` (optional) accepts a vector of 12, as `PoseEstimator` emits it. While the
+    hand closes and squeezes, horizontal changes of this offset, with which touch moves the
+    estimate, do not move G, because fingers that touch would drag the object. G then moves to the
+    estimate by `touch_correction`, with the speed of closing. An invalid offset counts as zero.
 
     Port `command` emits a `GraspCommand`. Its frame G is the estimated pose of O, or on its way
     there while the hand approaches. From the squeeze on, G moves with the object that the fingers
@@ -188,9 +194,12 @@ class GraspSequencer(LeafSystem):
         self._J_WT = self.DeclareVectorInputPort("J_WT", 3 * n * len(self._efforts))
         self._blocked = self.DeclareVectorInputPort("blocked_finger", 1)
         self._approach = self.DeclareVectorInputPort("approach", 7)
+        self._camera_offset = self.DeclareVectorInputPort("camera_offset", 12)
         self._pose = ports.LastPose(self, self._X_WO, tracking_status)
         cache, output = partial(ports.declare_cache, self), partial(ports.declare_output, self)
         self._grasp = cache("state of the grasp", first, self._calc_grasp, self.xd_ticket())
+        shown = self._camera_offset, self.xd_ticket()
+        self._offset = offset = cache("offset of G", np.zeros(3), self._calc_offset, *shown)
         held = HeldObject(
             p_OCoM=self._p_OCoM,
             stiffness=np.broadcast_to(np.asarray(stiffness, dtype=float), n),
@@ -201,9 +210,10 @@ class GraspSequencer(LeafSystem):
             a_W=self._fall,
         )
         tips = self._p_WT, self._f_T_W
-        self._held = HeldFrame(self, held, self._grasp, *tips, self._pose, config.period)
+        self._held = HeldFrame(self, held, self._grasp, *tips, self._pose, offset, config.period)
+        self._last_shown = self.DeclareDiscreteState(3)
         any_value = AbstractValue.Make(object())
-        also = (self._pose.source, self._V_WO, self._contacts, self._approach)
+        also = (self._pose.source, offset, self._V_WO, self._contacts, self._approach)
         sources = (self.time_ticket(), self._held.near, *also)
         self._command = command = cache("command", object(), self._calc_command, *sources)
         grasp, motion = self._grasp, self._held.motion
@@ -224,13 +234,28 @@ class GraspSequencer(LeafSystem):
     def _calc_grasp(self, context: Context) -> GraspState:
         return self._unpack(context.get_discrete_state(self._state).value())
 
+    def _shown(self, context: Context) -> FloatArray:
+        """Returns the displacement of what cameras show in W, shape (3,), in metres."""
+        is_connected = self._camera_offset.HasValue(context)
+        b_W = self._camera_offset.Eval(context)[:3] if is_connected else np.zeros(3)
+        return np.nan_to_num(validated_numbers(b_W))
+
+    def _calc_offset(self, context: Context) -> FloatArray:
+        """Returns the offset (x, y, yaw) of G from the estimate, shape (3,)."""
+        state: GraspState = self._grasp.Eval(context)
+        if not GraspPhase.CLOSE <= state.phase <= GraspPhase.SQUEEZE:
+            return state.offset
+        before = context.get_discrete_state(self._last_shown).value()
+        return np.asarray(state.offset + _HORIZONTAL * (self._shown(context) - before))
+
     def _calc_command(self, context: Context) -> GraspCommand:
         state: GraspState = self._grasp.Eval(context)
         memory: HeldMemory = self._held.memory.Eval(context)
         time, settings = context.get_time(), self._settings
         _, R_WO, p_WO, is_tracked = self._pose.eval(context)
         V_WO = ports.validated_velocity(self._V_WO.Eval(context))
-        (R_WG, p_WG), V_WG = corrected_pose(R_WO, p_WO, self._p_OCoM, state.offset), V_WO
+        offset = self._offset.Eval(context)
+        (R_WG, p_WG), V_WG = corrected_pose(R_WO, p_WO, self._p_OCoM, offset), V_WO
         half = self._config.period / 2
         if memory.is_gripped:
             motion: HeldMotion = self._held.near.Eval(context)
@@ -317,7 +342,7 @@ class GraspSequencer(LeafSystem):
         return np.asarray((p_WT - command.p_WG) @ command.R_WG)
 
     def _advance(self, context: Context, discrete_state: DiscreteValues) -> None:
-        state: GraspState = self._grasp.Eval(context)
+        state = replace(self._grasp.Eval(context), offset=self._offset.Eval(context))
         command: GraspCommand = self._command.Eval(context)
         p_OC, nhat, active = self._contact_frames(context)
         p_GT = self._tips(context)
@@ -360,8 +385,8 @@ class GraspSequencer(LeafSystem):
         )
         squeeze = partial(self._plan_squeeze, context)
         after = next_state(state, view, self._settings, self._config.period, squeeze)
-        if after is not state:
-            discrete_state.set_value(self._state, after.to_vector())
+        discrete_state.set_value(self._state, after.to_vector())
+        discrete_state.set_value(self._last_shown, self._shown(context))
         self._pose.store(context, discrete_state)
         self._held.store(context, discrete_state, command, p_GT, p_GT_goal)
 

@@ -79,6 +79,7 @@ class HeldFrame:
         p_WT: Port that accepts the fingertips' centres in W, a vector of 3n, in metres.
         f_T_W: Port that accepts the forces that they press with, in W, a vector of 3n, in newtons.
         pose: Estimated pose of the object.
+        offset: Cache entry of its offset that touch corrects (`GraspState`), shape (3,).
         period: Seconds between ticks of the system.
 
     Attributes:
@@ -95,11 +96,12 @@ class HeldFrame:
         p_WT: InputPort,
         f_T_W: InputPort,
         pose: ports.LastPose,
+        offset: CacheEntry,
         period: float,
     ) -> None:
         n = len(held.stiffness)
         self._held, self._in_air = held, bool(held.a_W.any())
-        self._p_WT, self._f_T_W, self._pose = p_WT, f_T_W, pose
+        self._p_WT, self._f_T_W, self._pose, self._offset = p_WT, f_T_W, pose, offset
         self._grasp, self._period = grasp, period
         self._last = system.DeclareDiscreteState(pack(_AT_REST))
         self._sticking = system.DeclareDiscreteState(np.full(3 * n, np.nan))
@@ -109,7 +111,7 @@ class HeldFrame:
         sources = (system.time_ticket(), stored, p_WT, f_T_W)
         self.motion = cache("motion of held object", _AT_REST, self._calc_motion, *sources)
         words = "motion near the estimate"
-        self.near = cache(words, _AT_REST, self._calc_near, self.motion, pose.source)
+        self.near = cache(words, _AT_REST, self._calc_near, self.motion, pose.source, offset)
 
     def _calc_memory(self, context: Context) -> HeldMemory:
         state: GraspState = self._grasp.Eval(context)
@@ -154,8 +156,7 @@ class HeldFrame:
         memory: HeldMemory = self.memory.Eval(context)
         if not (is_tracked and memory.stands) or self._in_air:
             return motion
-        state: GraspState = self._grasp.Eval(context)
-        _, p_WG = corrected_pose(R_WO, p_WO, self._held.p_OCoM, state.offset)
+        _, p_WG = corrected_pose(R_WO, p_WO, self._held.p_OCoM, self._offset.Eval(context))
         return motion.within(p_WG, TETHER)
 
     def calc_velocity(self, context: Context) -> SpatialVelocity:

@@ -239,6 +239,7 @@ VALUES = {
     "measurement_time": ([0.0], [-np.inf]),
     "p_WO_covariance": (1e-6 * np.eye(3).ravel(), 1e-2 * np.eye(3).ravel()),
     "tracking_status": ([dp.TrackingStatus.TRACKING], [dp.TrackingStatus.LOST]),
+    "camera_offset": (np.zeros(12), np.append([0.004, -0.003], np.zeros(10))),
     "blocked_finger": ([NOT_BLOCKED], [1.0]),
     "contact_weights": (np.zeros(N), np.array([0, 0, 0, 0, 1e-2])),
     "finger_coordinates": (0.05 * np.arange(N), np.zeros(N)),

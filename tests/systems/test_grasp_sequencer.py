@@ -234,6 +234,26 @@ def test_fingers_that_squeeze_carry_the_frame_and_no_estimate_does():
     assert np.linalg.norm(away) == pytest.approx(TETHER)
 
 
+def test_an_offset_of_the_camera_that_a_touch_reveals_does_not_move_the_frame_at_once():
+    """The estimate and the offset change by opposite amounts, as the filter does by a touch."""
+    X_WO, jump = RigidTransform([0.0, 0.0, 0.05]), np.array([0.006, -0.004, 0.003])
+    jumped = RigidTransform(X_WO.translation() + jump)
+    hand = sequencer_over(X_WO)
+    hand.fix(camera_offset=np.zeros(12), close=[1.0], p_WT=tips_at(X_WO, SETTINGS.standoff))
+    hand.advance(MEETING)
+    revealed = {"camera_offset": np.append(-jump, np.zeros(9)), "X_WO_estimated": jumped}
+    early = sequencer_over(X_WO)
+    early.fix(**revealed)
+    np.testing.assert_allclose(early.eval("X_WG").translation()[:2], jump[:2])
+    hand.advance(0.1)
+    assert hand.array("grasp_report")[0] == GraspPhase.CLOSE
+    hand.fix(**revealed)
+    for _ in range(3):
+        away = hand.eval("X_WG").translation() - X_WO.translation()
+        np.testing.assert_allclose(away, [0.0, 0.0, jump[2]], atol=1e-9)
+        hand.tick()
+
+
 @pytest.mark.parametrize("azimuth", [0.0, 2.0])
 def test_a_touch_moves_the_frame_and_the_other_fingers_to_the_object(azimuth):
     """The true object is 5 mm off; each finger stops at its surface, and feels it there."""
