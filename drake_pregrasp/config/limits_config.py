@@ -48,8 +48,7 @@ class _Incidence:
                 f"direction {self.direction} must have 3 elements, or none without angles"
             )
         direction = np.array(self.direction) if self.direction else None
-        angles = {"incidence": self.incidence, "elevation": self.elevation}
-        return FingerReach(solid=solid, direction=direction, **angles)
+        return FingerReach(solid, direction, incidence=self.incidence, elevation=self.elevation)
 
 
 @dataclass

@@ -67,7 +67,7 @@ _MANY_CORNERS = 6  # So many corners give four points of contact that are not in
 _RESTING_DEPTH = 5e-6  # Of an object on its widest face, in metres. Stiffer objects rock.
 _RESOLUTION = 0.1  # Drake requires it, but a hull is not tessellated.
 _RIM = 0.25  # Width of the rim of a sliding object's faces, as a share of the way to their middle.
-_LEAST_RIMMED = 1e-3  # Share of the hull's area from which on a face has a rim: not those of a ball.
+_LEAST_RIMMED = 1e-3  # Least share of the hull's area for a face with a rim: balls have none.
 _BALL_RESOLUTION = 0.02  # Edges of the tetrahedra of obstacles that are balls, in metres.
 _GAINS = PdControllerGains(p=1e4, d=2e2)  # The same as those of the conveyor.
 
