@@ -1,5 +1,6 @@
 """Fixtures that many tests share."""
 
+import functools
 import gc
 import os
 from collections.abc import Iterable, Mapping
@@ -97,6 +98,7 @@ def read_log(path: Path) -> dict[str, np.ndarray]:
     return {name: table[name] for name in table.dtype.names}
 
 
+@functools.cache
 def lacking_robots() -> str:
     """Says that the extra `robots` is not installed, or nothing."""
     try:

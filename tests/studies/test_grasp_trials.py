@@ -22,6 +22,7 @@ from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspState
 from drake_pregrasp.grasping.held_criterion import HOLD_DURATION, SHAKE_END
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.simulation.hand_file import load_hand, made_hand
+from drake_pregrasp.simulation.scenario_file import read_mapping
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.studies.grasps import grasp_outcome
 from drake_pregrasp.studies.grasps.baseline_goals import (
@@ -33,7 +34,7 @@ from drake_pregrasp.studies.grasps.baseline_goals import (
 )
 from drake_pregrasp.studies.grasps.fitting_objects import fits, opening
 from drake_pregrasp.studies.grasps.goal_sources import GOAL_SOURCES
-from drake_pregrasp.studies.study_file import load_study
+from drake_pregrasp.studies.study_file import load_study, shipped_studies
 from drake_pregrasp.studies.study_run import StudyRun
 
 CUBE = BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1))
@@ -264,21 +265,25 @@ def test_a_grasp_that_gave_up_says_why():
     assert outcome.gave_up.startswith("no squeeze balances the weight")
 
 
-STUDY = load_study("static_versus_dynamic")
-RUN = StudyRun(STUDY, GOAL_SOURCES)
-METHODS = list(STUDY.methods)
+METHODS = list(read_mapping(shipped_studies()["static_versus_dynamic"])["methods"])
 
 
-def job_of(condition, method, seed=3):
-    """Returns a job of the study, with a seed that its results do not use."""
-    study = load_study(STUDY.source, conditions=[condition], methods=[method], first_seed=seed)
-    return study.jobs()[0]
+@pytest.fixture(scope="module")
+def study():
+    """The study with a seed that its results do not use."""
+    return load_study("static_versus_dynamic", first_seed=3)
+
+
+def trial_of(study, condition, method):
+    chosen = {"condition": condition, "method": method}
+    job = next(job for job in study.jobs() if chosen.items() <= job.items())
+    return StudyRun(study, GOAL_SOURCES).trial(job)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["stationary", "reactive", "dynamic_reach"])
-def test_each_source_can_be_tracked_and_set_back(method):
-    trial = RUN.trial(job_of("headline", method))
+def test_each_source_can_be_tracked_and_set_back(study, method):
+    trial = trial_of(study, "headline", method)
     trial.track(0.2)
     assert len(trial.statuses) == 4
     saved, before = trial.context.Clone(), state_of(trial.context)
@@ -303,12 +308,12 @@ def graph(diagram):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
-def test_the_diagram_of_a_method_is_that_of_a_run_but_for_the_source_of_goals(method):
-    trial = RUN.trial(job_of("turning", method))
+def test_the_diagram_of_a_method_is_that_of_a_run_but_for_the_source_of_goals(study, method):
+    trial = trial_of(study, "turning", method)
     run = make_diagram(trial.resolved, sink=lambda record: None, grasp_sink=lambda record: None)
     (systems, links), (known, usual) = graph(trial.diagram), graph(run)
     assert known <= systems
-    assert systems - known == ({"goal_source"} if STUDY.methods[method].goals else set())
+    assert systems - known == ({"goal_source"} if study.methods[method].goals else set())
     goals = {f"hand_controller.{port}" for port in ("fingertip_targets", "contact_status")}
     for source, target in links ^ usual:
         assert "goal_source" in (source.split(".")[0], target.split(".")[0]) or target in goals
@@ -319,8 +324,8 @@ def test_the_diagram_of_a_method_is_that_of_a_run_but_for_the_source_of_goals(me
 
 
 @pytest.mark.slow
-def test_earlier_closing_times_change_nothing():
-    some, none = (RUN.trial(job_of("headline", "dynamic_reach")) for _ in range(2))
+def test_earlier_closing_times_change_nothing(study):
+    some, none = (trial_of(study, "headline", "dynamic_reach") for _ in range(2))
     first, last = some.outcomes((0.2, 0.4))
     (alone,) = none.outcomes((0.4,))
     assert (first.close_at, last.close_at) == (0.2, 0.4)
