@@ -150,18 +150,17 @@ def _costs(
     """Returns the least cost of a finger for each place, and the posture that has it."""
     distance = OBJECT_RADIUS + _GAP + finger.radius
     own = _MIDDLE * postures.limits + _DOWNWARD * (1 + postures.last @ axis)
-    outward = postures.outward - np.outer(postures.outward @ axis, axis)
+    across = np.eye(3) - np.outer(axis, axis)
+    outward = postures.outward @ across
     outward = outward / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 3e-3)
+    heights, level = postures.tips @ axis, postures.tips @ across
+    away, lows = np.sum(outward * level, axis=1), _PALM_HEIGHT - postures.root @ axis
     costs, chosen = np.empty(len(centers)), np.empty(len(centers), dtype=np.int64)
-    for index, center in enumerate(centers):
-        off = postures.tips - center
-        height = off @ axis
-        level = off - np.outer(height, axis)
-        length = np.maximum(np.linalg.norm(level, axis=1), 1e-9)
-        cost = ((length - distance) ** 2 + height**2) / _TOLERANCE**2 + own
-        cost += _OUTWARD * (1 - np.sum(outward * level, axis=1) / length)
-        low = np.maximum(0.0, _PALM_HEIGHT - (postures.root - center) @ axis)
-        cost += (low / _TOLERANCE) ** 2
+    for index, (height, place) in enumerate(zip(centers @ axis, centers @ across, strict=True)):
+        length = np.maximum(np.linalg.norm(level - place, axis=1), 1e-9)
+        cost = ((length - distance) ** 2 + (heights - height) ** 2) / _TOLERANCE**2 + own
+        cost += _OUTWARD * (1 - (away - outward @ place) / length)
+        cost += np.maximum(0.0, (lows + height) / _TOLERANCE) ** 2
         chosen[index] = np.argmin(cost)
         costs[index] = cost[chosen[index]]
     return costs, chosen

@@ -12,7 +12,7 @@ from drake_pregrasp.cli import main
 from drake_pregrasp.config.hand_description import Arm
 from drake_pregrasp.grasping.finger_homes import OBJECT_RADIUS
 from drake_pregrasp.resources import resource_folder
-from drake_pregrasp.simulation.hand_check import check_hand
+from drake_pregrasp.simulation.hand_check import check_hand, description_yaml
 
 GRIPPER = str(DOCS / "own_hand" / "gripper.urdf")
 SHIPPED = "package://drake_pregrasp/{}.yaml"
@@ -34,7 +34,8 @@ def test_a_proposal_is_close_to_the_shipped_description_and_loads(name, tmp_path
     shipped = load_hand(SHIPPED.format(name))
     found = check_hand(shipped.model)
     assert found.problems == []
-    assert main(["hand", "check", shipped.model, "-o", str(tmp_path / "own.yaml")]) == 0
+    (tmp_path / "own.yaml").write_text(description_yaml(found.description, tmp_path))
+    assert main(["hand", "check", str(tmp_path / "own.yaml")]) == 0
     own = load_hand(tmp_path / "own.yaml")
     assert own == found.description
     assert type(own.base) is type(shipped.base)
