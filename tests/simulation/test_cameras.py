@@ -34,6 +34,18 @@ def test_touch_corrects_a_pose_sensor_and_a_wrong_mesh_does_no_harm(name, tmp_pa
     assert result.summary["grasp"]["moved_closing_mm"] < 2
 
 
+@pytest.mark.slow
+def test_a_hand_takes_a_box_that_it_sees_a_person_bring(tmp_path):
+    """Of the pose, the position is compared: the box looks the same after a quarter turn."""
+    text = "simulation_duration: 20.0, grasp: {shake: true}"
+    result = run_text("see_handed_over", text, tmp_path)
+    assert result.summary["grasp"]["held"] is True
+    log = run_log(result)
+    errors = np.linalg.norm(points(log, "wo_estimated") - points(log, "wo"), axis=1)
+    assert np.max(errors[log["time"] > 3.0]) < 3e-3
+    assert np.all(log["tracking_status"][log["time"] > 3.0] == TrackingStatus.TRACKING)
+
+
 def test_a_wrong_mesh_has_another_size_than_the_object():
     resolved = resolve(load_scenario("feel_wrong_scale"))
     true, seen = resolved.shape.mesh.extents, resolved.seen_solid.corners
