@@ -67,7 +67,7 @@ FAST = """\
 # force of 350 N; 25 m/s2 of the slowest axis of the model, 11 kg with its motor, take 280 N. It is
 # idealised: the beams of a real gantry with 3 m of travel are heavier, and they bend.
 # An object that comes along the palm's axis passes between the fingertips: they touch within 20 mm
-# of the plane across this axis (boxes), on sides that are at most 20 degrees from parallel to it
+# of the plane across this axis (boxes), on sides that are at most 29 degrees from parallel to it
 # (elevation).
 model: package://drake_pregrasp/five_finger_hand.sdf
 base: !Carrier {joints: [x, y, z, yaw], palm_height: 0.155}
@@ -310,7 +310,7 @@ def slab(azimuth: float) -> str:
     return (
         f"!BoxReach {{center: [{0.06 * x:.4f}, {0.06 * y:.4f}, 0], size: [0.12, 0.18, 0.04],"
         f" rpy: [0, 0, {azimuth:.4f}], direction: [{x:.4f}, {y:.4f}, 0], incidence: 1.22,"
-        " elevation: 0.35}"
+        " elevation: 0.5}"
     )
 
 

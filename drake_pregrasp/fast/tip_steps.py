@@ -220,15 +220,18 @@ def compiled_hand_goals(
     return HandGoals(p_WT, v_WT, palm[0], palm[1], yaw, yaw_rate)
 
 
-@compiled("void(f8[:,::1], f8[:,::1], f8[:,::1], f8[:,:,::1], f8[::1], f8, f8, f8, f8[:,::1])")
+@compiled(
+    "void(f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,:,::1], f8[::1], f8, f8, f8, f8[:,::1])"
+)
 def write_goal_velocities(  # type: ignore[no-untyped-def]
-    goal, v_goal, p, J, v_last, speed, acceleration, period, V
+    goal, v_goal, v_goal_last, p, J, v_last, speed, acceleration, period, V
 ):
     """Writes the velocities with which fingertips follow their goals.
 
     Args:
         goal: Goals of the fingertips in W, shape (n, 3), in metres.
         v_goal: Velocities of the goals, shape (n, 3), in m/s.
+        v_goal_last: Their present velocities, shape (n, 3), in m/s.
         p: Centres of the fingertips in W, shape (n, 3), in metres.
         J: Jacobians of their velocities, shape (n, 3, nq).
         v_last: Present velocities of the joints, shape (nq,).
@@ -241,7 +244,7 @@ def write_goal_velocities(  # type: ignore[no-untyped-def]
     for i in range(len(p)):
         for axis in range(3):
             wanted[axis] = (goal[i, axis] - p[i, axis]) / period - v_goal[i, axis]
-            v[axis] = -v_goal[i, axis]
+            v[axis] = -v_goal_last[i, axis]
             for j in range(len(v_last)):
                 v[axis] += J[i, axis, j] * v_last[j]
         write_toward(wanted, v, speed, acceleration * period, V[i])
@@ -250,9 +253,10 @@ def write_goal_velocities(  # type: ignore[no-untyped-def]
 
 
 def compiled_goal_velocities(
-    goals: HandGoals, pose: HandPose, v_last: FloatArray, pace: Pace
+    goals: HandGoals, pose: HandPose, v_last: FloatArray, v_WT_last: FloatArray, pace: Pace
 ) -> FloatArray:
     """See `goal_velocities`."""
     V, limits = np.empty(goals.p_WT.shape), (pace.speed, pace.acceleration, pace.period)
-    write_goal_velocities(goals.p_WT, goals.v_WT, pose.p_WT, pose.J_WT, v_last, *limits, V)
+    now = goals.p_WT, goals.v_WT, v_WT_last, pose.p_WT, pose.J_WT, v_last
+    write_goal_velocities(*now, *limits, V)
     return V.ravel()

@@ -83,17 +83,20 @@ def hand_goals(
     )
 
 
-def goal_velocities(goals: HandGoals, pose: HandPose, v_last: FloatArray, pace: Pace) -> FloatArray:
+def goal_velocities(
+    goals: HandGoals, pose: HandPose, v_last: FloatArray, v_WT_last: FloatArray, pace: Pace
+) -> FloatArray:
     """Returns the velocities with which fingertips follow their goals in W, shape (3n,), in m/s.
 
-    Relative to its goal, a fingertip keeps the limits of a pace.
+    Relative to its goal, which may itself accelerate, a fingertip keeps the limits of a pace.
 
     Args:
         goals: Goals of the fingertips.
         pose: Present kinematics of the hand.
         v_last: Present velocities of its joints, shape (nq,).
+        v_WT_last: Present velocities of the goals, to which they change, shape (n, 3), in m/s.
         pace: Limits of the motion relative to the goals.
     """
     wanted = (goals.p_WT - pose.p_WT) / pace.period - goals.v_WT
-    V = goals.v_WT + pace.toward(wanted, pose.J_WT @ v_last - goals.v_WT)
+    V = goals.v_WT + pace.toward(wanted, pose.J_WT @ v_last - v_WT_last)
     return np.asarray(V.ravel())

@@ -153,6 +153,7 @@ class DifferentialKinematics(LeafSystem):
         # Torques for the forces of the fingertips, and the limits of these forces.
         self._pressing = self.DeclareDiscreteState(np.repeat([0.0, NO_LIMIT], [nq, 2 * n]))
         self._blocked = self.DeclareDiscreteState([float(NOT_BLOCKED)])
+        self._goal_rates = self.DeclareDiscreteState(3 * n)  # Velocities of the last goals.
         self._inertial = self.DeclareDiscreteState(nq)
         any_value = AbstractValue.Make(object())
         self._goals = self.DeclareAbstractInputPort("goals", any_value)
@@ -210,6 +211,8 @@ class DifferentialKinematics(LeafSystem):
         pressing = np.concatenate([torques, command.force_limits], axis=None)
         discrete_state.set_value(self._pressing, pressing)
         discrete_state.set_value(self._blocked, [float(blocked)])
+        goals: HandGoals = self._goals.Eval(context)
+        discrete_state.set_value(self._goal_rates, goals.v_WT.ravel())
 
     def _next_velocity(
         self, context: Context, q: FloatArray, v_last: FloatArray, pose: HandPose
@@ -226,7 +229,8 @@ class DifferentialKinematics(LeafSystem):
         command: GraspCommand = self._command.Eval(context)
         placed = self._placed.Eval(context)
         kernels, J = self._scene.kernels, pose.J_WT.reshape(-1, len(q))
-        V = kernels.goal_velocities(goals, pose, v_last, self._pace)
+        v_WT_last = context.get_discrete_state(self._goal_rates).value().copy().reshape(-1, 3)
+        V = kernels.goal_velocities(goals, pose, v_last, v_WT_last, self._pace)
         # What follows a goal with a gain lags a steady motion by the time 1/gain, so it aims ahead.
         p_WL, yaw = goals.p_WL + goals.v_WL / GAIN, goals.yaw + goals.yaw_rate / GAIN
         low, high = self._yaw_range

@@ -125,7 +125,8 @@ class GraspSequencer(LeafSystem):
     Port `X_WG` emits a `RigidTransform`: the pose of the frame G of the command.
 
     Port `hold_contacts` emits a vector of 1: 1 while the command holds contacts, and also for the
-    last part of the approach, as long as closing takes, so that fingers arrive at them; else 0.
+    last parts of the approach and of `gate_limit`, each as long as closing takes, so that fingers
+    arrive at them; else 0.
 
     Port `grasp_report` emits a vector of 4: the `GraspPhase`, its start in seconds, the `GiveUp`
     and its detail (`describe_give_up`).
@@ -307,19 +308,25 @@ class GraspSequencer(LeafSystem):
     def _calc_hold(self, context: Context) -> list[float]:
         state: GraspState = self._grasp.Eval(context)
         left = float(self._approach.Eval(context)[0]) - context.get_time()
-        arrives = state.phase == GraspPhase.APPROACH and left <= self._settings.closing_duration
+        if state.phase == GraspPhase.TRACK:
+            left = self._time_to_close(context)
+        arrives = state.phase <= GraspPhase.TRACK and left <= self._settings.closing_duration
         return [float(state.holds_contacts or arrives)]
 
-    def _calc_late(self, context: Context) -> FloatArray:
+    def _time_to_close(self, context: Context) -> float:
+        """Returns the time until the gate ends, in seconds; infinite without a command to close."""
         state: GraspState = self._grasp.Eval(context)
         met = state.since
         if state.phase == GraspPhase.APPROACH:
             met = float(self._approach.Eval(context)[0])
-        left = max(met, state.asked) + self._settings.gate_limit - context.get_time()
+        return max(met, state.asked) + self._settings.gate_limit - float(context.get_time())
+
+    def _calc_late(self, context: Context) -> FloatArray:
+        state: GraspState = self._grasp.Eval(context)
         p_OC, nhat, _ = self._contact_frames(context)
         p_GT_goal = p_OC + (self._radius + state.standoffs)[:, None] * nhat
         away = norms(p_GT_goal - self._tips(context)) - self._settings.gate_distance
-        is_late = self._pace.least_times(away) > left
+        is_late = self._pace.least_times(away) > self._time_to_close(context)
         return np.asarray(is_late & (state.phase <= GraspPhase.TRACK), dtype=float)
 
     def _calc_X_WG(self, context: Context) -> RigidTransform:

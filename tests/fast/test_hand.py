@@ -132,6 +132,7 @@ def test_velocities_toward_goals_are_those_of_the_reference(speed):
             HandGoals(p, v, np.zeros(3), np.zeros(3), 0.0, 0.0),
             pose,
             0.02 * rng.normal(size=NQ),
+            0.01 * rng.normal(size=(N, 3)),
             pace,
         )
         found = compiled_goal_velocities(*arguments)
