@@ -141,8 +141,8 @@ def test_the_offset_outlasts_a_loss_of_the_object():
 def squared_errors(seed, rests, ticks=30):
     """Squares of the errors of pose and offset in units of the covariance, over their number.
 
-    A box moves as the filter assumes. A camera with a random offset sees three sides of it, and
-    three fingers touch it in the second half; all noise is drawn as assumed.
+    A box moves as the filter assumes. A camera with a random offset, which changes as assumed, sees
+    three sides of it, and three fingers touch it in the second half; all noise is drawn as assumed.
     """
     rng, config = np.random.default_rng(seed), replace(CONFIG, rests_on_table=rests)
     kernels, noise = default_kernels(), filter_noise(config)
@@ -179,6 +179,8 @@ def squared_errors(seed, rests, ticks=30):
         v = v + np.append(rng.normal(scale=config.acceleration * dt**0.5, size=2), 0)
         rate += rng.normal(scale=config.angular_acceleration * dt**0.5)
         p, yaw = p + v * dt, yaw + rate * dt
+        kept, added = noise.bias_step(dt)
+        bias = kept * bias + rng.normal(scale=added**0.5, size=3)
     return squares
 
 
