@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray, set_arrays
 from drake_pregrasp.errors import InvalidArgumentError, NoSurfaceError
 from drake_pregrasp.geometry.sampling import Triangles, choose_evenly, split_triangles
 from drake_pregrasp.geometry.shapes import Shape
@@ -35,6 +35,7 @@ class FacingArea:
     angle: float
 
     def __post_init__(self) -> None:
+        set_arrays(self, "direction")
         length = float(np.linalg.norm(self.direction))
         if not length > 0:
             raise InvalidArgumentError("a facing area's direction must not be zero")

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_pregrasp.arrays import FloatArray, norms
+from drake_pregrasp.arrays import FloatArray, norms, set_arrays
 from drake_pregrasp.errors import InvalidArgumentError
 
 _I = np.eye(3)
@@ -96,6 +96,7 @@ class BallSolid(Solid):
     radius: float
 
     def __post_init__(self) -> None:
+        set_arrays(self, "center")
         if not self.radius >= 0:
             raise InvalidArgumentError(f"a ball's radius must be at least 0 m, not {self.radius}")
         _check_finite("a ball's", radius=self.radius, center=self.center)
@@ -124,9 +125,10 @@ class BoxSolid(Solid):
     size: FloatArray
 
     def __post_init__(self) -> None:
+        set_arrays(self, "center", "R_FB", "size")
         if not np.all(self.size >= 0):
             raise InvalidArgumentError(
-                f"a box's edges must be at least 0 m long, not {list(self.size)}"
+                f"a box's edges must be at least 0 m long, not {self.size.tolist()}"
             )
         _check_finite("a box's", edges=self.size, center=self.center, R_FB=self.R_FB)
 
@@ -152,6 +154,7 @@ class HalfSpace(Solid):
     normal: FloatArray
 
     def __post_init__(self) -> None:
+        set_arrays(self, "point", "normal")
         _check_finite("a half-space's", point=self.point, normal=self.normal)
         length = float(np.linalg.norm(self.normal))
         if not length > 0:

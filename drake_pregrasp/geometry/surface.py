@@ -9,7 +9,7 @@ import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray, set_arrays
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.sampling import Triangles, unit_normals
 
@@ -46,12 +46,14 @@ class ForbiddenPoints:
     normals: FloatArray = None  # type: ignore[assignment]  # Zeros in the points' shape.
 
     def __post_init__(self) -> None:
+        set_arrays(self, "points", "radii")
         if self.points.ndim != 2 or self.points.shape[1] < 1:
             raise InvalidArgumentError(f"points must have shape (m, 3), not {self.points.shape}")
         if self.radii.shape != (len(self.points),) or not np.all(self.radii >= 0):
             raise InvalidArgumentError("radii must be one number >= 0 for each forbidden point")
         if self.normals is None:
             object.__setattr__(self, "normals", np.zeros(self.points.shape))
+        set_arrays(self, "normals")
         if self.normals.shape != self.points.shape:
             raise InvalidArgumentError("normals must be one for each forbidden point")
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray, set_arrays
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.solids import Solid, rounded_box_distances
@@ -76,6 +76,7 @@ class Obstacles:
     velocities: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
     def __post_init__(self) -> None:
+        set_arrays(self, "velocities")
         velocities, points, count = self.velocities, self.points, len(self.solids)
         if (shape := velocities.shape) not in ((0, 3), (count, 3)):
             raise InvalidArgumentError(

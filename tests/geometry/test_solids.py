@@ -107,6 +107,29 @@ def test_at_special_points_gradients_are_units():
 
 
 @pytest.mark.parametrize(
+    ("kind", "numbers"),
+    [
+        (BallSolid, ([0, 0, 1], 0.5)),
+        (BoxSolid, ([0, 0, 1], [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], [1, 2, 3])),
+        (HalfSpace, ([0, 0, 1], [0, 0, 2])),
+    ],
+)
+def test_lists_are_as_good_as_arrays(kind, numbers):
+    points = np.random.default_rng(0).uniform(-3, 3, (20, 3))
+    of_lists, of_arrays = kind(*numbers), kind(*(np.array(n, dtype=float) for n in numbers))
+    moved = of_lists.moved(np.eye(3), np.ones(3))
+    np.testing.assert_array_equal(of_lists.distance(points), of_arrays.distance(points))
+    np.testing.assert_allclose(moved.distance(points + 1), of_lists.distance(points), atol=1e-12)
+
+
+def test_obstacles_may_be_lists():
+    points = ForbiddenPoints([[0, 0, 1], [1, 0, 0]], [0.1, 0.2], [[0, 0, 1], [1, 0, 0]])
+    ball = BallSolid([0, 0, 1], 0.5)
+    obstacles = Obstacles([ball], points, velocities=[[0, 0, 1]]).moved(np.eye(3), np.ones(3))
+    assert (len(obstacles.points), len(obstacles.solids)) == (2, 1)
+
+
+@pytest.mark.parametrize(
     ("make", "problem"),
     [
         (lambda: BallSolid(np.zeros(3), -1.0), "radius must be at least 0 m, not -1"),
