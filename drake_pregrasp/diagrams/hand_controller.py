@@ -93,8 +93,8 @@ class HandController(Diagram):
 
     Raises:
         InvalidArgumentError: If an argument or a field of `config` is out of its range, an initial
-            contact is on a face that is forbidden to its finger, or an arm cannot hold the palm
-            over the object.
+            contact is on a face that is forbidden to its finger, an arm cannot hold the palm over
+            the object, or a link starts inside of `fixed`.
     """
 
     initial: FloatArray
@@ -128,6 +128,7 @@ class HandController(Diagram):
         yaw = turned_within(palm_turn(p_AC, hand.azimuths, 0.0), yaw_range)
         self.initial = hand.home(X_WG @ p_OCoM, yaw)
         builder, scene = DiagramBuilder(), hand.make_scene(object_solid, fixed, kernels)
+        scene.check_start(self.initial)
         object_solid = scene.kernels.solid(object_solid)
         sequencer = builder.AddNamedSystem(
             "grasp_sequencer",

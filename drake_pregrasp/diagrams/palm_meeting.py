@@ -41,8 +41,9 @@ def palm_limits(hand: HandModel, q: FloatArray, tip_acceleration: float) -> Palm
         X_WP = X_WP @ palm.GetFixedPoseInBodyFrame()
         J = point_jacobian(carrying * pose.screws, X_WP.translation())
         along = np.abs(np.linalg.pinv(J)[:, 3:] @ hand.X_LA.rotation().matrix())
-        speed = 1 / np.max(along / model.rate_limit[:, None], axis=0)
-        acceleration = 1 / np.max(along / model.acceleration_limit[:, None], axis=0)
+        with np.errstate(divide="ignore"):  # Without limits of joints, the palm has none.
+            speed = 1 / np.max(along / model.rate_limit[:, None], axis=0)
+            acceleration = 1 / np.max(along / model.acceleration_limit[:, None], axis=0)
         travel = np.array([np.full(3, -np.inf), np.full(3, np.inf)])
     return PalmLimits(
         lower=travel[0],

@@ -30,6 +30,7 @@ from pydrake.planning import RobotDiagram
 from pydrake.systems.framework import Context
 
 from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.fast.kernels import HandKernels
 from drake_pregrasp.geometry.mesh_solid import MeshSolid
 from drake_pregrasp.geometry.rotations import skew
@@ -47,6 +48,7 @@ from drake_pregrasp.systems.hand_kinematics import (
 )
 
 _BALL_SPACING = 0.004  # Largest distance of neighbouring balls of a link, in metres.
+_DEEPEST = 1e-3  # Largest depth of links in fixed solids at the start, in metres: of contact.
 _HUGE = 10.0  # Depth of the box that represents a half-space, in metres.
 
 
@@ -151,6 +153,8 @@ class HandScene:
             is_last=np.array([link.is_last for link in found]),
             moves=np.vstack([*moves, np.zeros((2, hand.num_positions))]),
         )
+        self._names = [link.frame.scoped_name().get_full() for link in found]
+        self._fixed = {geometry: f"fixed[{index}]" for index, geometry in enumerate(around)}
         self._bodies = np.array([int(link.frame.body().index()) for link in found])
         X_BL = [inspector.GetPoseInFrame(geometry).GetAsMatrix34() for geometry in links]
         self._R_BL, self._p_BL = np.split(np.array(X_BL), [3], axis=2)
@@ -192,6 +196,31 @@ class HandScene:
                 self._graph.ChangeShape(graph, self._source, geometry, shape, X_WS)
         for geometry in names.values():
             self._graph.RemoveGeometry(graph, self._source, geometry)
+
+    def check_start(self, q: FloatArray) -> None:
+        """Checks that no link that moves starts inside of a solid that does not move.
+
+        Args:
+            q: Initial positions of all joints, shape (nq,).
+
+        Raises:
+            InvalidArgumentError: If one does; the message names the deepest one.
+        """
+        context = self.diagram.CreateDefaultContext()
+        self.place(context, q, RigidTransform(), ())
+        query = self._query.Eval(self._graph.GetMyContextFromRoot(context))
+        found = [
+            (pair.distance, self._names[self._index[link]], self._fixed[other])
+            for pair in query.ComputeSignedDistancePairwiseClosestPoints(0.0)
+            for link, other in ((pair.id_A, pair.id_B), (pair.id_B, pair.id_A))
+            if other in self._fixed and self._links.moves[self._index.get(link, -1)].any()
+        ]
+        distance, link, solid = min(found, default=(0.0, "", ""))
+        if distance < -_DEEPEST:
+            raise InvalidArgumentError(
+                f"link {link} starts {-1e3 * distance:.3g} mm deep in {solid}, which is the table"
+                " unless you pass others; move the base or the object, or pass the solids there are"
+            )
 
     def clearances(
         self, context: Context, pose: HandPose, command: GraspCommand, rate: float

@@ -33,6 +33,7 @@ def add(
     hand=HAND.description,
     robot=None,
     is_sampled=False,
+    fixed=(HalfSpace([0, 0, 0], [0, 0, 1]),),
     **config,
 ):
     builder = DiagramBuilder()
@@ -51,6 +52,7 @@ def add(
         mass=mass,
         X_WO=pose,
         p_OC=p_OC,
+        fixed=fixed,
         config=dp.GraspConfig(**config),
     )
     return builder, plant, robot, added
@@ -123,6 +125,16 @@ def test_an_object_in_the_table_and_late_joints_are_said_at_once():
         pytest.warns(UserWarning, match="use_sampled_output_ports is set: .* one time step late"),
     ):
         add(too_few, pose=RigidTransform([0.0, 0.0, 0.0495]), is_sampled=True)
+
+
+@pytest.mark.slow
+def test_a_link_that_starts_inside_of_a_fixed_solid_is_named_with_its_depth():
+    table, top = HalfSpace([0, 0, 0], [0, 0, 1]), 0.355 + 0.022  # Of the raised palm's disc.
+    shelf = dp.BoxSolid([0, 0, top + 0.5 - 0.01], np.eye(3), [1, 1, 1])
+    with pytest.raises(
+        dp.InvalidArgumentError, match=r"link hand::palm starts 10 mm deep in fixed\[1\]"
+    ):
+        add(fixed=[table, shelf])
 
 
 @pytest.mark.slow
