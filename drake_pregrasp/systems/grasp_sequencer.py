@@ -44,7 +44,7 @@ from drake_pregrasp.systems.squeeze_program import plan_lift
 GRAVITY: float = UniformGravityFieldElement.kDefaultStrength
 """Acceleration of gravity along -z of W, in m/s²."""
 
-_UP, _HORIZONTAL = np.array([0.0, 0.0, 1.0]), np.array([1.0, 1.0, 0.0])
+_UP = np.array([0.0, 0.0, 1.0])
 
 
 class GraspSequencer(LeafSystem):
@@ -195,12 +195,10 @@ class GraspSequencer(LeafSystem):
         self._J_WT = self.DeclareVectorInputPort("J_WT", 3 * n * len(self._efforts))
         self._blocked = self.DeclareVectorInputPort("blocked_finger", 1)
         self._approach = self.DeclareVectorInputPort("approach", 7)
-        self._camera_offset = self.DeclareVectorInputPort("camera_offset", 12)
+        camera_offset = self.DeclareVectorInputPort("camera_offset", 12)
         self._pose = ports.LastPose(self, self._X_WO, tracking_status)
         cache, output = partial(ports.declare_cache, self), partial(ports.declare_output, self)
         self._grasp = cache("state of the grasp", first, self._calc_grasp, self.xd_ticket())
-        shown = self._camera_offset, self.xd_ticket()
-        self._offset = offset = cache("offset of G", np.zeros(3), self._calc_offset, *shown)
         held = HeldObject(
             p_OCoM=self._p_OCoM,
             stiffness=np.broadcast_to(np.asarray(stiffness, dtype=float), n),
@@ -210,11 +208,10 @@ class GraspSequencer(LeafSystem):
             settings=self._settings,
             a_W=self._fall,
         )
-        tips = self._p_WT, self._f_T_W
-        self._held = HeldFrame(self, held, self._grasp, *tips, self._pose, offset, config.period)
-        self._last_shown = self.DeclareDiscreteState(3)
+        felt = self._p_WT, self._f_T_W, camera_offset
+        self._held = HeldFrame(self, held, self._grasp, *felt, self._pose, config.period)
         any_value = AbstractValue.Make(object())
-        also = (self._pose.source, offset, self._V_WO, self._contacts, self._approach)
+        also = (self._pose.source, self._held.offset, self._V_WO, self._contacts, self._approach)
         sources = (self.time_ticket(), self._held.near, *also)
         self._command = command = cache("command", object(), self._calc_command, *sources)
         grasp, motion = self._grasp, self._held.motion
@@ -235,27 +232,13 @@ class GraspSequencer(LeafSystem):
     def _calc_grasp(self, context: Context) -> GraspState:
         return self._unpack(context.get_discrete_state(self._state).value())
 
-    def _shown(self, context: Context) -> FloatArray:
-        """Returns the displacement of what cameras show in W, shape (3,), in metres."""
-        is_connected = self._camera_offset.HasValue(context)
-        b_W = self._camera_offset.Eval(context)[:3] if is_connected else np.zeros(3)
-        return np.nan_to_num(validated_numbers(b_W))
-
-    def _calc_offset(self, context: Context) -> FloatArray:
-        """Returns the offset (x, y, yaw) of G from the estimate, shape (3,)."""
-        state: GraspState = self._grasp.Eval(context)
-        if not GraspPhase.CLOSE <= state.phase <= GraspPhase.SQUEEZE:
-            return state.offset
-        before = context.get_discrete_state(self._last_shown).value()
-        return np.asarray(state.offset + _HORIZONTAL * (self._shown(context) - before))
-
     def _calc_command(self, context: Context) -> GraspCommand:
         state: GraspState = self._grasp.Eval(context)
         memory: HeldMemory = self._held.memory.Eval(context)
         time, settings = context.get_time(), self._settings
         _, R_WO, p_WO, is_tracked = self._pose.eval(context)
         V_WO = ports.validated_velocity(self._V_WO.Eval(context))
-        offset = self._offset.Eval(context)
+        offset = self._held.offset.Eval(context)
         (R_WG, p_WG), V_WG = corrected_pose(R_WO, p_WO, self._p_OCoM, offset), V_WO
         half = self._config.period / 2
         if memory.is_gripped:
@@ -349,7 +332,7 @@ class GraspSequencer(LeafSystem):
         return np.asarray((p_WT - command.p_WG) @ command.R_WG)
 
     def _advance(self, context: Context, discrete_state: DiscreteValues) -> None:
-        state = replace(self._grasp.Eval(context), offset=self._offset.Eval(context))
+        state = replace(self._grasp.Eval(context), offset=self._held.offset.Eval(context))
         command: GraspCommand = self._command.Eval(context)
         p_OC, nhat, active = self._contact_frames(context)
         p_GT = self._tips(context)
@@ -393,7 +376,6 @@ class GraspSequencer(LeafSystem):
         squeeze = partial(self._plan_squeeze, context)
         after = next_state(state, view, self._settings, self._config.period, squeeze)
         discrete_state.set_value(self._state, after.to_vector())
-        discrete_state.set_value(self._last_shown, self._shown(context))
         self._pose.store(context, discrete_state)
         self._held.store(context, discrete_state, command, p_GT, p_GT_goal)
 

@@ -64,7 +64,7 @@ class HeldMemory(NamedTuple):
 
 _AT_REST = HeldMotion.at_rest()
 _unpack_motion = unpacker(_AT_REST)
-_ON_TABLE = np.array([[0.0, 0.0, 1.0], [1.0, 1.0, 0.0]])  # Turns and velocities of a belt.
+_ON_TABLE = np.array([[0.0, 0.0, 1.0], [1.0, 1.0, 0.0]])  # Turns and displacements on a table.
 
 
 class HeldFrame:
@@ -78,11 +78,14 @@ class HeldFrame:
         grasp: Cache entry of the `GraspState`.
         p_WT: Port that accepts the fingertips' centres in W, a vector of 3n, in metres.
         f_T_W: Port that accepts the forces that they press with, in W, a vector of 3n, in newtons.
+        camera_offset: Port that accepts the displacement of what cameras show, a vector of 12.
         pose: Estimated pose of the object.
-        offset: Cache entry of its offset that touch corrects (`GraspState`), shape (3,).
         period: Seconds between ticks of the system.
 
     Attributes:
+        offset: Cache entry of the offset (x, y, yaw) of G from the estimate, shape (3,): that of
+            the `GraspState`, such that changes of `camera_offset` do not move G while the hand
+            closes and squeezes.
         memory: Cache entry of the `HeldMemory`.
         motion: Cache entry of the `HeldMotion` by the fingertips alone.
         near: Cache entry of the `HeldMotion` within the tether.
@@ -95,23 +98,40 @@ class HeldFrame:
         grasp: CacheEntry,
         p_WT: InputPort,
         f_T_W: InputPort,
+        camera_offset: InputPort,
         pose: ports.LastPose,
-        offset: CacheEntry,
         period: float,
     ) -> None:
         n = len(held.stiffness)
         self._held, self._in_air = held, bool(held.a_W.any())
-        self._p_WT, self._f_T_W, self._pose, self._offset = p_WT, f_T_W, pose, offset
+        self._p_WT, self._f_T_W, self._pose = p_WT, f_T_W, pose
+        self._camera_offset = camera_offset
         self._grasp, self._period = grasp, period
+        self._last_shown = system.DeclareDiscreteState(3)
         self._last = system.DeclareDiscreteState(pack(_AT_REST))
         self._sticking = system.DeclareDiscreteState(np.full(3 * n, np.nan))
         stored, cache = system.xd_ticket(), partial(ports.declare_cache, system)
+        shown = stored, camera_offset
+        self.offset = cache("offset of G", np.zeros(3), self._calc_offset, *shown)
         model = HeldMemory(_AT_REST, np.empty((n, 3)), False, True, False)
         self.memory = cache("motion of G at the last tick", model, self._calc_memory, stored)
         sources = (system.time_ticket(), stored, p_WT, f_T_W)
         self.motion = cache("motion of held object", _AT_REST, self._calc_motion, *sources)
         words = "motion near the estimate"
-        self.near = cache(words, _AT_REST, self._calc_near, self.motion, pose.source, offset)
+        self.near = cache(words, _AT_REST, self._calc_near, self.motion, pose.source, self.offset)
+
+    def _shown(self, context: Context) -> FloatArray:
+        """Returns the displacement of what cameras show in W, shape (3,), in metres."""
+        is_connected = self._camera_offset.HasValue(context)
+        b_W = self._camera_offset.Eval(context)[:3] if is_connected else np.zeros(3)
+        return np.nan_to_num(validated_numbers(b_W))
+
+    def _calc_offset(self, context: Context) -> FloatArray:
+        state: GraspState = self._grasp.Eval(context)
+        if not GraspPhase.CLOSE <= state.phase <= GraspPhase.SQUEEZE:
+            return state.offset
+        change = self._shown(context) - context.get_discrete_state(self._last_shown).value()
+        return np.asarray(state.offset + _ON_TABLE[1] * change)
 
     def _calc_memory(self, context: Context) -> HeldMemory:
         state: GraspState = self._grasp.Eval(context)
@@ -156,7 +176,7 @@ class HeldFrame:
         memory: HeldMemory = self.memory.Eval(context)
         if not (is_tracked and memory.stands) or self._in_air:
             return motion
-        _, p_WG = corrected_pose(R_WO, p_WO, self._held.p_OCoM, self._offset.Eval(context))
+        _, p_WG = corrected_pose(R_WO, p_WO, self._held.p_OCoM, self.offset.Eval(context))
         return motion.within(p_WG, TETHER)
 
     def calc_velocity(self, context: Context) -> SpatialVelocity:
@@ -197,7 +217,7 @@ class HeldFrame:
         p_GT: FloatArray,
         p_GT_goal: FloatArray,
     ) -> None:
-        """Stores the motion while the hand closes or squeezes; after that it is kept.
+        """Stores what is remembered; the motion of G while the hand closes or squeezes.
 
         Args:
             context: Context of the system.
@@ -206,6 +226,7 @@ class HeldFrame:
             p_GT: Present places of the fingertips in G, shape (n, 3), in metres.
             p_GT_goal: Their goals in G, shape (n, 3), in metres.
         """
+        discrete_state.set_value(self._last_shown, self._shown(context))
         state: GraspState = self._grasp.Eval(context)
         if state.phase == GraspPhase.LIFT:
             discrete_state.set_value(self._sticking, p_GT.ravel())

@@ -19,8 +19,7 @@ from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 
 SIZE = [0.1, 0.1, 0.1]
 SURFACE = dp.box_surface(SIZE, spacing=0.01, forbidden_faces=["+z", "-z"])
-
-
+GROUND = HalfSpace([0, 0, 0], [0, 0, 1])
 PLANNING = dp.PlannerConfig(static_duration=0.0)
 
 
@@ -33,7 +32,7 @@ def add(
     hand=HAND.description,
     robot=None,
     is_sampled=False,
-    fixed=(HalfSpace([0, 0, 0], [0, 0, 1]),),
+    fixed=(GROUND,),
     **config,
 ):
     builder = DiagramBuilder()
