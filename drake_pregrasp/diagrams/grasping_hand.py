@@ -214,8 +214,8 @@ def AddHandController(
             hand's joints do not hold the weight.
         InvalidArgumentError: If an argument has another type or is out of its range, settings do
             not go together, the hand and its model, the robot in the plant, or given contacts and
-            the fingers, do not match, an arm cannot hold the palm over the object, or the object or a
-            link is inside of `fixed` at the start.
+            the fingers, do not match, an arm cannot hold the palm over the object, or the object or
+            a link starts inside of `fixed`.
     """
     config = config or GraspConfig()
     check_plant(builder, plant, scene_graph, body)
