@@ -67,7 +67,8 @@ class InterceptionPlanner(LeafSystem):
     motion and the object's predicted one. The palm then moves on a quintic to the place over the
     object, with the object's velocity and acceleration, and on another one down to it. Shortly
     before the meeting the choice is only changed if the rest of its path exceeds a limit, as the
-    object is estimated then (`rest_limit`); and the palm moves relative to the estimate.
+    object is estimated then (`rest_limit`); and the palm moves relative to the estimate. Before
+    that, a plan for which there is no alternative stays as long as its rest is possible.
 
     Args:
         settings: Settings of the interception.
@@ -191,16 +192,17 @@ class InterceptionPlanner(LeafSystem):
         offset, settings = palm - motion, self._settings
         is_final = plan.meets and plan.time - now <= max(self._commitment, settings.earliest)
         over, time, height = plan.over, plan.time, plan.height
-        if not is_final or rest_limit(offset, motion, now, plan, settings) != CatchLimit.NONE:
+        rest = partial(rest_limit, offset, motion, now, plan, settings)
+        if not is_final or rest() != CatchLimit.NONE:
             variance = 0.0
             if self._covariance.HasValue(context):
                 variance = float(np.sum(self._covariance.Eval(context)[::4]))
                 variance = max(0.0, variance) if np.isfinite(variance) else 0.0
-            limit, over, time, height = self._choose_meeting(
-                offset, motion, variance, now, plan, settings
-            )
-            if limit != CatchLimit.NONE:
-                return _stopping(plan, palm, now), limit
+            choice = self._choose_meeting(offset, motion, variance, now, plan, settings)
+            if choice.limit == CatchLimit.NONE:
+                over, time, height = choice.over, choice.time, choice.height
+            elif is_final or not plan.meets or rest() != CatchLimit.NONE:
+                return _stopping(plan, palm, now), choice.limit
         is_same = plan.meets and np.allclose((over, time), (plan.over, plan.time))
         if over <= now:  # The palm is over the object, and goes down directly.
             over, height = time, 0.0

@@ -124,6 +124,24 @@ def test_a_final_meeting_is_given_up_if_the_object_can_no_longer_be_met(velocity
     np.testing.assert_allclose(steps[-2:], 0, atol=1e-6)
 
 
+def test_a_meeting_at_a_limit_stays_when_the_object_is_estimated_a_little_farther():
+    def meets(away, factor=1.0):
+        belt = Belt(velocity=[0.6, 0.0, 0.0])  # It leaves the travel along x.
+        belt.place = lambda: np.array(
+            [0.6 * belt.time - 0.5, away * (factor if belt.time > 0.1 else 1.0), 0.05]
+        )
+        return bool(np.all(np.isfinite(belt.play(0.2)[1][1:, 0])))
+
+    near, far = 0.05, 0.9
+    assert meets(near)
+    for _ in range(12):
+        middle = (near + far) / 2
+        near, far = (middle, far) if meets(middle) else (near, middle)
+    assert not meets(1.02 * near)
+    assert meets(near, factor=1.02)
+    assert not meets(near, factor=1.3)
+
+
 def test_the_certificate_is_checked_until_the_hand_grips():
     belt = Belt()
     _, approach, _ = belt.play(0.1)
