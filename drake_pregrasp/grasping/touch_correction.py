@@ -40,6 +40,18 @@ def touch_correction(
     return np.asarray(_STD * np.linalg.solve(A.T @ A + np.eye(3), slope))
 
 
+def touch_rows(p_CoMT: FloatArray, nhat: FloatArray, R_WG: FloatArray) -> FloatArray:
+    """Returns the rows a_i for `touch_correction`, shape (n, 3).
+
+    Args:
+        p_CoMT: Fingertips' centres from the centre of mass in G, shape (n, 3), in metres.
+        nhat: Outward unit normals of the surface at the fingertips in G, shape (n, 3).
+        R_WG: Orientation of G in W, shape (3, 3).
+    """
+    p_CoMT_W, nhat_W = p_CoMT @ R_WG.T, nhat @ R_WG.T
+    return np.column_stack([nhat_W[:, :2], np.cross(p_CoMT_W, nhat_W)[:, 2]])
+
+
 def corrected_pose(
     R_WO: FloatArray, p_WO: FloatArray, p_OCoM: FloatArray, offset: FloatArray
 ) -> tuple[FloatArray, FloatArray]:

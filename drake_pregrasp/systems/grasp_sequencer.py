@@ -11,13 +11,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.tree import UniformGravityFieldElement
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-from drake_pregrasp.arrays import (
-    BoolArray,
-    FloatArray,
-    are_valid,
-    norms,
-    validated_numbers,
-)
+from drake_pregrasp.arrays import BoolArray, FloatArray, are_valid, norms, validated_numbers
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.hand_description import Fingertip
 from drake_pregrasp.config.validation import checked
@@ -34,9 +28,8 @@ from drake_pregrasp.grasping.grasp_state import (
     state_unpacker,
 )
 from drake_pregrasp.grasping.hand_commands import GraspCommand
-from drake_pregrasp.grasping.held_motion import HeldMotion
 from drake_pregrasp.grasping.passing import passing_gaps
-from drake_pregrasp.grasping.touch_correction import corrected_pose
+from drake_pregrasp.grasping.touch_correction import corrected_pose, touch_rows
 from drake_pregrasp.systems import ports
 from drake_pregrasp.systems.held_frame import HeldFrame, HeldMemory, HeldObject
 from drake_pregrasp.systems.squeeze_program import plan_lift
@@ -109,8 +102,9 @@ class GraspSequencer(LeafSystem):
 
     Port `camera_offset` (optional) accepts a vector of 12, as `PoseEstimator` emits it. While the
     hand closes and squeezes, horizontal changes of this offset, with which touch moves the
-    estimate, do not move G, because fingers that touch would drag the object. G then moves to the
-    estimate by `touch_correction`, with the speed of closing. An invalid offset counts as zero.
+    estimate, do not move G, because fingers that touch would drag the object. G then moves toward
+    the estimate by `touch_correction`, with the speed of closing. While this offset is invalid, the
+    last valid one counts.
 
     Port `command` emits a `GraspCommand`. Its frame G is the estimated pose of O, or on its way
     there while the hand approaches. From the squeeze on, G moves with the object that the fingers
@@ -148,7 +142,7 @@ class GraspSequencer(LeafSystem):
         object_solid: The object in O; None to plan the squeeze at the contacts of `contacts`.
         efforts: Largest torque of each joint, shape (nq,), in N m; empty for no limits.
         stiffness: Horizontal stiffness of the fingertips, or of each, shape (n,), in N/m.
-        least_stiffness: The same in the direction in which they yield most.
+        least_stiffness: The same in the direction in which each yields most.
         palm_axis: Unit vector from the object to the palm in W, shape (3,).
         gravity: Acceleration of the object along -z of W until the hand stops it, in m/s²: 0 for
             one that something carries.
@@ -240,14 +234,10 @@ class GraspSequencer(LeafSystem):
         V_WO = ports.validated_velocity(self._V_WO.Eval(context))
         offset = self._held.offset.Eval(context)
         (R_WG, p_WG), V_WG = corrected_pose(R_WO, p_WO, self._p_OCoM, offset), V_WO
-        half = self._config.period / 2
         if memory.is_gripped:
-            motion: HeldMotion = self._held.near.Eval(context)
-            R_WG, p_WG, V_WG = motion.R_WG, motion.p_WG, motion.V_WG
-            if not memory.stands:
-                V_WG = memory.last.stopping(time + half, settings.stop_duration).V_WG
+            R_WG, p_WG, V_WG = self._held.frame(context)
         axis = self._lift_axis if state.share > 0 else self._palm_axis
-        raised, rising = state.height.value(time), state.height.rate(time + half)
+        raised, rising = state.height.value(time), state.height.rate(time + self._config.period / 2)
         standoffs = state.standoffs
         if state.phase == GraspPhase.APPROACH:
             p_WL, v_WL = approach = self._approach.Eval(context)[1:].reshape(2, 3)
@@ -348,9 +338,7 @@ class GraspSequencer(LeafSystem):
                 heights, normals = self._solid.distance_and_gradient(p_GT)
                 surface_gaps = heights - self._radius
             if not self._in_air:  # In the air, the object moves to where the fingers are.
-                p_CoMT_W = (p_GT - self._p_OCoM) @ command.R_WG.T
-                normals_W = normals @ command.R_WG.T
-                rows = np.column_stack([normals_W[:, :2], np.cross(p_CoMT_W, normals_W)[:, 2]])
+                rows = touch_rows(p_GT - self._p_OCoM, normals, command.R_WG)
         p_GT_goal = p_OC + (self._radius + state.standoffs)[:, None] * nhat
         distances = norms(p_GT_goal - p_GT)
         close = float(self._close.Eval(context)[0])

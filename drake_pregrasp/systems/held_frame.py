@@ -23,7 +23,8 @@ class HeldObject(NamedTuple):
     Attributes:
         p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
         stiffness: Horizontal stiffness of the fingertips, shape (n,), in N/m.
-        least_stiffness: Their stiffness where they yield most, shape (n,), in N/m.
+        least_stiffness: Their stiffness in the direction in which each yields most, shape (n,), in
+            N/m.
         friction: Largest horizontal force that does not move G on a belt, in newtons.
         lift_axis: Unit vector of the lift in W, shape (3,).
         settings: Settings of the grasp.
@@ -49,7 +50,6 @@ class HeldMemory(NamedTuple):
             the table these are their goals: measured places would keep the strain of the touch,
             which then drives the object without end. In the hold, they are their places at the end
             of the lift.
-        sticks: Whether some fingertip has such a place.
         stands: Whether the object still stands on the table.
         is_gripped: Whether G moves with the fingertips, or as they left it: from the tick after
             the squeeze has begun, and in the air from the first tick of closing on.
@@ -57,14 +57,13 @@ class HeldMemory(NamedTuple):
 
     last: HeldMotion
     p_GT: FloatArray
-    sticks: bool
     stands: bool
     is_gripped: bool
 
 
 _AT_REST = HeldMotion.at_rest()
 _unpack_motion = unpacker(_AT_REST)
-_ON_TABLE = np.array([[0.0, 0.0, 1.0], [1.0, 1.0, 0.0]])  # Turns and displacements on a table.
+_ON_TABLE = np.array([[0.0, 0.0, 1.0], [1.0, 1.0, 0.0]])  # Turns and velocities of a belt.
 
 
 class HeldFrame:
@@ -113,7 +112,7 @@ class HeldFrame:
         stored, cache = system.xd_ticket(), partial(ports.declare_cache, system)
         shown = stored, camera_offset
         self.offset = cache("offset of G", np.zeros(3), self._calc_offset, *shown)
-        model = HeldMemory(_AT_REST, np.empty((n, 3)), False, True, False)
+        model = HeldMemory(_AT_REST, np.empty((n, 3)), True, False)
         self.memory = cache("motion of G at the last tick", model, self._calc_memory, stored)
         sources = (system.time_ticket(), stored, p_WT, f_T_W)
         self.motion = cache("motion of held object", _AT_REST, self._calc_motion, *sources)
@@ -121,17 +120,19 @@ class HeldFrame:
         self.near = cache(words, _AT_REST, self._calc_near, self.motion, pose.source, self.offset)
 
     def _shown(self, context: Context) -> FloatArray:
-        """Returns the displacement of what cameras show in W, shape (3,), in metres."""
-        is_connected = self._camera_offset.HasValue(context)
-        b_W = self._camera_offset.Eval(context)[:3] if is_connected else np.zeros(3)
-        return np.nan_to_num(validated_numbers(b_W))
+        """Returns the last valid displacement of what cameras show in W, shape (3,), in metres."""
+        last: FloatArray = context.get_discrete_state(self._last_shown).value().copy()
+        if not self._camera_offset.HasValue(context):
+            return last
+        b_W = validated_numbers(self._camera_offset.Eval(context)[:3])
+        return np.where(np.isfinite(b_W), b_W, last)
 
     def _calc_offset(self, context: Context) -> FloatArray:
         state: GraspState = self._grasp.Eval(context)
         if not GraspPhase.CLOSE <= state.phase <= GraspPhase.SQUEEZE:
             return state.offset
-        change = self._shown(context) - context.get_discrete_state(self._last_shown).value()
-        return np.asarray(state.offset + _ON_TABLE[1] * change)
+        x, y, _ = self._shown(context) - context.get_discrete_state(self._last_shown).value()
+        return np.asarray(state.offset + np.array([x, y, 0.0]))
 
     def _calc_memory(self, context: Context) -> HeldMemory:
         state: GraspState = self._grasp.Eval(context)
@@ -143,7 +144,7 @@ class HeldFrame:
         is_gripped = math.isfinite(state.gripped) and (has_lifted or sticks)
         if self._in_air and GraspPhase.CLOSE <= state.phase <= GraspPhase.SQUEEZE:
             is_gripped = last.time >= state.since
-        return HeldMemory(last, p_GT.reshape(-1, 3), sticks, opened or not has_lifted, is_gripped)
+        return HeldMemory(last, p_GT.reshape(-1, 3), opened or not has_lifted, is_gripped)
 
     def _calc_motion(self, context: Context) -> HeldMotion:
         memory: HeldMemory = self.memory.Eval(context)
@@ -179,11 +180,21 @@ class HeldFrame:
         _, p_WG = corrected_pose(R_WO, p_WO, self._held.p_OCoM, self.offset.Eval(context))
         return motion.within(p_WG, TETHER)
 
+    def frame(self, context: Context) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Returns R_WG, p_WG and V_WG of the held object; V_WG is that after half a period."""
+        motion: HeldMotion = self.near.Eval(context)
+        memory: HeldMemory = self.memory.Eval(context)
+        V_WG = motion.V_WG
+        if not memory.stands:
+            middle = context.get_time() + self._period / 2
+            V_WG = memory.last.stopping(middle, self._held.settings.stop_duration).V_WG
+        return motion.R_WG, motion.p_WG, V_WG
+
     def calc_velocity(self, context: Context) -> SpatialVelocity:
         """Returns the velocity with which the hand moves the object in W, or NaN if it does not."""
         memory: HeldMemory = self.memory.Eval(context)
         state: GraspState = self._grasp.Eval(context)
-        if not memory.sticks or state.share == 0:
+        if not memory.is_gripped or state.share == 0:
             return SpatialVelocity(np.full(6, np.nan))
         w_WG, v_WG = self.motion.Eval(context).V_WG
         rising = state.height.rate(context.get_time()) * self._held.lift_axis
@@ -217,7 +228,9 @@ class HeldFrame:
         p_GT: FloatArray,
         p_GT_goal: FloatArray,
     ) -> None:
-        """Stores what is remembered; the motion of G while the hand closes or squeezes.
+        """Stores the displacement of what cameras show, and what `HeldMemory` contains.
+
+        The motion of G is stored while the hand closes or squeezes; after that it is kept.
 
         Args:
             context: Context of the system.

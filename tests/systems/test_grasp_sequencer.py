@@ -252,6 +252,8 @@ def test_an_offset_of_the_camera_that_a_touch_reveals_does_not_move_the_frame_at
         away = hand.eval("X_WG").translation() - X_WO.translation()
         np.testing.assert_allclose(away, [0.0, 0.0, jump[2]], atol=1e-9)
         hand.tick()
+    hand.fix(camera_offset=np.full(12, np.nan))  # The last one counts.
+    np.testing.assert_allclose(hand.eval("X_WG").translation()[:2], 0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("azimuth", [0.0, 2.0])
