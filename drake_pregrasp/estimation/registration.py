@@ -24,7 +24,7 @@ _COARSE = (0.03, 0.03, 0.02, 0.02, 0.015)  # Scales of the first steps, in metre
 _FINALISTS = 24  # Best starts, which are aligned to all points.
 _YAWS, _UPRIGHT = 24, 6  # Turns about one axis, and finalists of the upright ones.
 _AS_WELL = 0.002  # Share of the points by which poses that fit as well differ.
-_OFFSETS = 3.0  # Standard deviations of a height that the table does not contradict.
+_LIFTED = 3.0  # Standard deviations of a height that the table does not contradict.
 _SHIFTED = 8  # Best ends that are shifted.
 _ENDS = 2  # Passes over the scales of an alignment.
 _WALL = 0.005  # Shift by which points come to the other side of a thin wall, in metres.
@@ -47,10 +47,10 @@ def register_pose(
 
     The middle of the object's bounding box starts at that of the points. On a table, the object
     starts on it, and what the pose leaves between them counts as misfit, apart from three standard
-    deviations of a height and of an offset of the points. From the best poses, further ones start:
-    shifted so far that points of one side of a wall reach the other, and turned about the axis
-    about which the points tell least. Of poses that fit as well, such as those of a symmetric
-    object, the one that is turned least from the axes of W counts.
+    deviations of the height, to which an offset of the points contributes. From the best poses,
+    further ones start: shifted so far that points of one side of a wall reach the other, and turned
+    about the axis about which the points tell least. Of poses that fit as well, such as those of a
+    symmetric object, the one that is turned least from the axes of W counts.
 
     Args:
         grid: Signed distances of the object in O.
@@ -71,7 +71,7 @@ def register_pose(
         if table:
             p_WO[2] = -low[2]
         found.append(align(grid, few, R_WO, p_WO, std, _COARSE))
-    slack = _OFFSETS * float(np.hypot(offset_std, std[5])) if table else np.inf
+    slack = _LIFTED * float(np.hypot(offset_std, std[5])) if table else np.inf
     misfits = [_misfit(start, corners, len(few.radius), slack) for start in found]
     points = SurfacePoints.seen(p_WQ, point_std)
     ends: list[tuple[float, Alignment]] = []  # With their misfits.

@@ -28,7 +28,7 @@ GATE_SHARE = 0.5
 CRUSHING = 1.3
 """Ratio of force to largest planned force at which a hand opens; measured forces are rough."""
 
-_BOUNCE = 0.02  # Time without force after which a finger that lifts has lost touch, in seconds.
+_BOUNCE = 0.02  # Time without force after which a finger in the lift or hold has lost touch, in s.
 _STRAIN = 0.002  # Depth to which a finger that touches presses, within the limit of its force.
 _ON_THE_WAY = 1.5  # Distance from its goal, in gate distances, beyond which a finger moves to it.
 _EASING = 0.2  # Share of the closing speed with which fingers give up this strain.

@@ -6,7 +6,7 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.geometry.rotations import skew
 
 HOLDING_GAIN = 2.0
-"""Ratio of the commanded stiffness to that with which fingers yield most.
+"""Ratio of the commanded stiffness to the least stiffness of a finger.
 
 With 4, boxes ring in the Allegro hand and slip if its control period is 20 ms."""
 
@@ -27,8 +27,8 @@ def restoring_forces(p_CoMT: FloatArray, d: FloatArray, stiffness: FloatArray) -
         p_CoMT: Fingertips' centres p_i from the object's centre of mass, shape (n, 3), in metres.
         d: Their displacements since the object was in its place, shape (n, 3), in metres, in the
             same frame as the forces.
-        stiffness: Stiffness k_i of each finger where it yields most, shape (n,), in N/m: as if it
-            were that stiff in all directions, so that no loop gain exceeds g.
+        stiffness: Least stiffness k_i of each finger over all directions, shape (n,), in N/m. It
+            counts for all directions, so that no loop gain exceeds g.
     """
     moved = np.concatenate([-skew(p_CoMT), np.tile(np.eye(3), (len(d), 1, 1))], axis=2)
     weights = np.sqrt(stiffness)[:, None]

@@ -142,7 +142,7 @@ class GraspSequencer(LeafSystem):
         object_solid: The object in O; None to plan the squeeze at the contacts of `contacts`.
         efforts: Largest torque of each joint, shape (nq,), in N m; empty for no limits.
         stiffness: Horizontal stiffness of the fingertips, or of each, shape (n,), in N/m.
-        least_stiffness: The same in the direction in which each yields most.
+        least_stiffness: Their least stiffness over all directions, as for `stiffness`.
         palm_axis: Unit vector from the object to the palm in W, shape (3,).
         gravity: Acceleration of the object along -z of W until the hand stops it, in m/s²: 0 for
             one that something carries.

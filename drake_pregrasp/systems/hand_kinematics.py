@@ -93,9 +93,10 @@ class HandKinematics:
         return np.asarray(1 / np.maximum(compliance, 1 / _STIFFEST))
 
     def least_stiffness(self, q: FloatArray) -> FloatArray:
-        """Returns the stiffness of each finger at its tip where it yields most, (n,), in N/m.
+        """Returns the least stiffness of each finger at its tip, shape (n,), in N/m.
 
-        It is the inverse of the largest eigenvalue of the compliance that `level_stiffness` has.
+        It is the inverse of the largest eigenvalue of the compliance J K_p^-1 J^T of the finger's
+        own joints, over all directions, and bounded: the base counts as rigid.
 
         Args:
             q: Positions of the joints, shape (nq,).

@@ -48,7 +48,7 @@ from drake_pregrasp.systems.hand_kinematics import (
 )
 
 _BALL_SPACING = 0.004  # Largest distance of neighbouring balls of a link, in metres.
-_DEEPEST = 1e-3  # Largest depth of links in fixed solids at the start, in metres: of contact.
+_DEEPEST = 1e-3  # Largest depth of a link in a fixed solid at the start, in metres: it may touch.
 _HUGE = 10.0  # Depth of the box that represents a half-space, in metres.
 
 
@@ -219,7 +219,7 @@ class HandScene:
         if distance < -_DEEPEST:
             raise InvalidArgumentError(
                 f"link {link} starts {-1e3 * distance:.3g} mm deep in {solid}, which is the table"
-                " unless you pass others; move the base or the object, or pass the solids there are"
+                " unless you pass others; move the base or the object, or pass other solids"
             )
 
     def clearances(

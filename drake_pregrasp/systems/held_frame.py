@@ -23,8 +23,7 @@ class HeldObject(NamedTuple):
     Attributes:
         p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
         stiffness: Horizontal stiffness of the fingertips, shape (n,), in N/m.
-        least_stiffness: Their stiffness in the direction in which each yields most, shape (n,), in
-            N/m.
+        least_stiffness: Their least stiffness over all directions, shape (n,), in N/m.
         friction: Largest horizontal force that does not move G on a belt, in newtons.
         lift_axis: Unit vector of the lift in W, shape (3,).
         settings: Settings of the grasp.
