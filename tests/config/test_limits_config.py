@@ -17,6 +17,8 @@ def test_reaches_are_solids_of_the_hand():
     diagonal = 0.09 * np.sqrt(0.5)  # Along which the box, turned, is long.
     probes = np.array([[diagonal, diagonal, 0.1], [diagonal, -diagonal, 0.1]])
     np.testing.assert_allclose(box.distance(probes), [-0.01, 0.08], atol=1e-12)
+    flat = BallReach(center=[0, 0, 0], radius=1, direction=[1, 0, 0], incidence=1, elevation=0.5)
+    assert (flat.make_reach().incidence, flat.make_reach().elevation) == (1, 0.5)
 
 
 @pytest.mark.parametrize(

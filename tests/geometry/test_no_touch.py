@@ -43,7 +43,7 @@ def test_no_point_of_an_allowed_patch_lies_in_a_forbidden_solid(name):
 
 @pytest.mark.parametrize("angle", [0.3, 1.0])
 def test_a_facing_area_forbids_a_cone_of_normals(angle):
-    direction = np.array([3.0, 4.0, 0.0])
+    direction = [3, 4, 0]
     surface = mesh_surface(CAN, spacing=0.006, no_touch=[FacingArea(direction, angle)])
     cosines = surface.nhat_OQ @ direction / 5
     assert np.max(cosines) < np.cos(angle)

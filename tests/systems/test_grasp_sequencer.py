@@ -7,7 +7,7 @@ from made_systems import AROUND, CONTROL_PERIOD, NQ, RADIUS, RING, SETTINGS, N, 
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 
-from drake_pregrasp import BallSolid
+from drake_pregrasp import BallSolid, BoxSolid
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase
@@ -85,6 +85,28 @@ def test_contacts_are_held_for_the_last_part_of_the_approach():
     for time, held in ((0.09, 0), (0.11, 1), (meeting - 0.01, 1), (meeting + 0.05, 0)):
         hand.advance(time - hand.context.get_time())
         assert hand.array("hold_contacts")[0] == held
+
+
+@pytest.mark.parametrize("close", [0.0, 1.0])
+def test_contacts_are_held_for_the_last_part_of_the_gate(close):
+    hand, closing = sequencer_over(AT_TABLE), SETTINGS.gate_limit - SETTINGS.closing_duration
+    hand.fix(close=[close], p_WT=tips_at(AT_TABLE, 0.1), approach=[0.0, *np.full(6, np.nan)])
+    for time, held in ((closing - 0.02, 0), (closing + 0.02, close)):
+        hand.advance(time - hand.context.get_time())
+        assert hand.array("grasp_report")[0] == GraspPhase.TRACK
+        assert hand.array("hold_contacts")[0] == held
+
+
+@pytest.mark.parametrize(("left", "opens"), [(10.0, True), (0.2, True), (0.02, False)])
+def test_a_finger_waits_beside_an_object_that_comes_to_the_palm(left, opens):
+    """A bar leans toward the first finger, which its upper end meets before its middle."""
+    R_WO, lean = AT_TABLE.rotation(), RotationMatrix.MakeYRotation(np.arctan2(0.07, 0.2))
+    bar = BoxSolid([0, 0, 0], (R_WO.inverse() @ lean).matrix(), [0.02, 0.02, 0.42])
+    hand = sequencer_over(AT_TABLE, make_sequencer(object_solid=bar))
+    hand.fix(approach=[MEETING, *AT_TABLE.translation() + [0, 0, left], 0, 0, 0])
+    gaps = hand.eval("command").standoffs
+    assert (gaps[0] > SETTINGS.standoff + 0.005) == opens
+    np.testing.assert_array_equal(gaps[1:], SETTINGS.standoff)
 
 
 @pytest.mark.parametrize(
@@ -249,8 +271,10 @@ def test_an_offset_of_the_camera_that_a_touch_reveals_does_not_move_the_frame_at
     assert hand.array("grasp_report")[0] == GraspPhase.CLOSE
     hand.fix(**revealed)
     for _ in range(3):
-        away = hand.eval("X_WG").translation() - X_WO.translation()
+        X_WG = hand.eval("X_WG")
+        away = X_WG.translation() - X_WO.translation()
         np.testing.assert_allclose(away, [0.0, 0.0, jump[2]], atol=1e-9)
+        assert X_WG.rotation().IsNearlyIdentity(1e-9)
         hand.tick()
     hand.fix(camera_offset=np.full(12, np.nan))  # The last one counts.
     np.testing.assert_allclose(hand.eval("X_WG").translation()[:2], 0.0, atol=1e-9)
