@@ -13,6 +13,7 @@ from drake_pregrasp.grasping.touch_correction import (
     is_settled,
     limited_offset,
     touch_correction,
+    touch_rows,
 )
 
 N = 5
@@ -28,6 +29,17 @@ def rows_of(azimuths, arm):
 
 AROUND = 2 * np.pi * np.arange(N) / N
 NONE = np.zeros(3)
+
+
+def test_rows_are_displacements_of_the_surface_along_its_normals():
+    rng = np.random.default_rng(0)
+    R_WG, p_CoMT = rotation_matrix(rng.normal(size=3)), 0.05 * rng.normal(size=(N, 3))
+    nhat = rotation_matrix(rng.normal(size=3))[np.arange(N) % 3]
+    for change in 1e-5 * np.eye(3):
+        R, p = corrected_pose(R_WG, NONE, NONE, change)
+        moved = p_CoMT @ (R - R_WG).T + p
+        along = np.sum(moved * (nhat @ R_WG.T), axis=1)
+        np.testing.assert_allclose(touch_rows(p_CoMT, nhat, R_WG) @ change, along, atol=1e-10)
 
 
 @given(gaps_of_all, arms)

@@ -18,17 +18,18 @@ MEETING = 1.5  # Time of the meeting, in seconds.
 STIFFNESS = 400.0
 SLACK = GraspConfig.planned_friction * 9.81 * 0.4 / (5 * STIFFNESS)
 AT_TABLE = RigidTransform(RotationMatrix.MakeXRotation(0.3), [0.0, 0.0, 0.05])
+ALL = np.ones(N, dtype=bool)
 
 
 def tips_at(X_WO, gap):
     return (X_WO @ ((0.05 + RADIUS + gap) * RING).T).T.ravel()
 
 
-def sequencer_over(X_WO, sequencer=None):
+def sequencer_over(X_WO, sequencer=None, active=ALL):
     return Driven(
         sequencer or make_sequencer(),
         close=[0.0],
-        contacts=np.concatenate([0.05 * RING, RING, np.ones((N, 1))], axis=None),
+        contacts=np.concatenate([0.05 * RING, RING, active], axis=None),
         X_WO_estimated=X_WO,
         V_WO_estimated=SpatialVelocity.Zero(),
         p_WT=tips_at(X_WO, 0.0),
@@ -103,7 +104,8 @@ def test_a_finger_waits_beside_an_object_that_comes_to_the_palm(left, opens):
     R_WO, lean = AT_TABLE.rotation(), RotationMatrix.MakeYRotation(np.arctan2(0.07, 0.2))
     bar = BoxSolid([0, 0, 0], (R_WO.inverse() @ lean).matrix(), [0.02, 0.02, 0.42])
     hand = sequencer_over(AT_TABLE, make_sequencer(object_solid=bar))
-    hand.fix(approach=[MEETING, *AT_TABLE.translation() + [0, 0, left], 0, 0, 0])
+    p_WL = AT_TABLE.translation() + np.array([0, 0, left])
+    hand.fix(approach=[MEETING, *p_WL, 0, 0, 0])
     gaps = hand.eval("command").standoffs
     assert (gaps[0] > SETTINGS.standoff + 0.005) == opens
     np.testing.assert_array_equal(gaps[1:], SETTINGS.standoff)
@@ -147,9 +149,9 @@ def test_fingers_that_have_touched_keep_touching_and_all_together_carry_the_weig
     assert np.min(-np.sum(forces * nhat_W, axis=1)) >= SETTINGS.least_force - 1e-3
 
 
-def squeeze_at(X_WO, sequencer=None, **inputs):
+def squeeze_at(X_WO, sequencer=None, active=ALL, **inputs):
     """Returns a hand that has been told to close and feels all fingers, after the squeeze."""
-    hand = sequencer_over(X_WO, sequencer)
+    hand = sequencer_over(X_WO, sequencer, active)
     close_until_touch(hand, X_WO)
     hand.fix(f_T_W=(-RING @ X_WO.rotation().matrix().T).ravel(), **inputs)
     hand.advance(SETTINGS.squeeze_duration + 0.1)
@@ -378,25 +380,30 @@ def test_in_the_air_the_frame_falls_on_from_closing_to_the_lift_and_then_stops()
 
 
 def test_in_the_hold_fingers_keep_the_object_where_it_was_lifted_to():
+    """Four fingers hold it. In the lift, it sags by 1 mm."""
     X_WO, way = RigidTransform([0.0, 0.0, 0.05]), np.array([0.001, -0.002, 0.0005])
-    hand, moved = squeeze_at(X_WO), RigidTransform(way)
+    active = np.arange(N) < N - 1
+    hand, moved = squeeze_at(X_WO, active=active), RigidTransform(way)
     forces = {}
     while hand.context.get_time() < 8:
         phase = hand.array("grasp_report")[0]
-        X_WG = hand.eval("X_WG")
+        sag = RigidTransform([0.0, 0.0, -0.001 * (phase >= GraspPhase.LIFT)])
+        X_WG = sag @ hand.eval("X_WG")
         for name, X in (("resting", X_WG), ("moved", moved @ X_WG)):
             hand.fix(p_WT=tips_at(X, 0.0))
             forces[name] = hand.eval("command").f_T_W
         pushes = forces["moved"] - forces["resting"]
         holds = phase == GraspPhase.HOLD
-        spring = -HOLDING_GAIN * STIFFNESS * way
-        np.testing.assert_allclose(pushes, holds * np.tile(spring, (N, 1)), atol=1e-6)
+        springs = np.outer(active, -HOLDING_GAIN * STIFFNESS * way)
+        np.testing.assert_allclose(pushes, holds * springs, atol=1e-6)
         hand.fix(p_WT=tips_at(X_WG, 0.0))
         hand.tick()
     assert phase == GraspPhase.HOLD
+    load = [0.0, 0.0, 0.4 * (9.81 + SETTINGS.lift_acceleration)]  # Nothing against the sag.
+    np.testing.assert_allclose(np.sum(forces["resting"], axis=0), load, atol=0.01)
     p_WT = tips_at(moved @ X_WG, 0.0)
     p_WT[:3] = np.nan  # What is not measured exerts nothing, and the others hold.
     hand.fix(p_WT=p_WT)
     pushes = hand.eval("command").f_T_W - forces["resting"]
     np.testing.assert_allclose(pushes[0], 0, atol=1e-6)
-    np.testing.assert_allclose(pushes[1:], np.tile(spring, (N - 1, 1)), atol=1e-6)
+    np.testing.assert_allclose(pushes[1:], springs[1:], atol=1e-6)
