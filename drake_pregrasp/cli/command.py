@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 from drake_pregrasp.cli import grasp_commands, hand_command, run_command, study_commands
 from drake_pregrasp.errors import OutputError, PregraspError, printable
 from drake_pregrasp.geometry.mesh_repair import repair_mesh
-from drake_pregrasp.simulation.output import INTERRUPTED_STATUS, write_named_text
+from drake_pregrasp.simulation.output import INTERRUPTED_STATUS, check_new, write_named_text
 from drake_pregrasp.simulation.scenario_file import shipped_scenarios
 from drake_pregrasp.simulation.smooth_file import load_estimator, smooth_file
 from drake_pregrasp.version import __version__
@@ -158,10 +158,10 @@ def _repair(options: argparse.Namespace) -> int:
     source = Path(options.file)
     if options.out and not options.out.lower().endswith(".obj"):
         raise OutputError(f"{options.out}: must end with .obj")
+    check_new(target := Path(options.out or source.with_name(f"{source.stem}_repaired.obj")))
     repair = repair_mesh(source)
-    target = Path(options.out or source.with_name(f"{source.stem}_repaired.obj"))
     text = repair.mesh.export(file_type="obj", digits=9, include_normals=False)
-    write_named_text(target, str(text), replace=False)
+    write_named_text(target, str(text))
     if repair.left_out:
         print(f"left out    {repair.left_out} surfaces that could not be closed")
     print(f"area        {repair.old_area:.4g}, now {repair.area:.4g}")

@@ -9,7 +9,7 @@ from drake_pregrasp.cli.run_command import add_allow_option
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import printable
 from drake_pregrasp.simulation.hand_check import check_hand, description_yaml, hand_page
-from drake_pregrasp.simulation.output import write_named_text
+from drake_pregrasp.simulation.output import check_new, write_named_text
 
 
 def add_command(commands: "argparse._SubParsersAction[Any]") -> None:
@@ -28,18 +28,20 @@ def add_command(commands: "argparse._SubParsersAction[Any]") -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
+    for out in filter(None, (options.out, options.page)):
+        check_new(Path(out))
     found = check_hand(options.file, folders=options.allow)
     for problem in found.problems:
         print(f"{options.file}: {printable(problem)}", file=sys.stderr)
     if found.model is not None:
         _print_hand(found.model)
         if options.page:
-            write_named_text(Path(options.page), hand_page(found.model), replace=False)
+            write_named_text(Path(options.page), hand_page(found.model))
             print(f"page in {options.page}: open it in a browser")
     if found.description is not None and found.is_proposal:
         text = description_yaml(found.description, Path(options.out or ".").parent)
         if options.out:
-            write_named_text(Path(options.out), text, replace=False)
+            write_named_text(Path(options.out), text)
             print(f"description in {options.out}")
         else:
             print(text, end="")

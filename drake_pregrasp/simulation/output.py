@@ -159,19 +159,26 @@ def write_text(path: Path, text: str) -> None:
         partial.write_text(text, encoding="utf-8", newline="\n")
 
 
-def write_named_text(path: Path, text: str, *, replace: bool = True) -> None:
+def check_new(path: Path) -> None:
+    """Checks that a file that the user has named is not there.
+
+    Raises:
+        OutputError: If it is.
+    """
+    if path.is_file():
+        raise OutputError(f"{path} is there already; name another file")
+
+
+def write_named_text(path: Path, text: str) -> None:
     """Writes a text to what the user has named: a file, perhaps by a link, a device or a pipe.
 
     Args:
         path: Path of the file.
         text: The text.
-        replace: Whether a file that is there is replaced.
 
     Raises:
         OutputError: If it cannot be written.
     """
-    if not replace and path.is_file():
-        raise OutputError(f"{path} is there already; name another file")
     with writing(path):
         if path.is_file() or not path.exists():
             write_text(real_path(path), text)
