@@ -334,7 +334,9 @@ class _Copier:
             if path.suffix.lower() not in MESH_SUFFIXES:
                 if self._is_visual:
                     raise _NotShownError(f"visual {path.name}")
-                raise InvalidArgumentError(f"it must be one of: {', '.join(MESH_SUFFIXES)}")
+                raise InvalidArgumentError(
+                    f"convert it, as by trimesh, to {'|'.join(MESH_SUFFIXES)}"
+                )
             files = [path, *companions(path)]
             self._totals.files += files
             size = sum(file.stat().st_size for file in files if file.is_file())

@@ -92,7 +92,10 @@ COLLISION = MESH.replace("visual", "collision")
         (SDF.format(MESH.format("file:///etc/x.obj")), "names file:///etc/x.obj: .* is outside of"),
         (SDF.format(MESH.format("https://a.b/x.obj")), "only files and packages are read"),
         (SDF.format(MESH.format("package://drake_models/x.obj")), "no such package is here"),
-        (SDF.format(COLLISION.format("x.yaml")), "names x.yaml: it must be one of: .obj"),
+        (
+            SDF.format(COLLISION.format("x.yaml")),
+            "names x.yaml: convert it, as by trimesh, to .obj",
+        ),
         (SDF.format(MESH.format("m.obj")), "names m.obj: .*x.mtl is outside of"),
         (SDF.format(MESH.format("m.gltf")), "names m.gltf: .*x.bin is outside of"),
         (SDF.format("<include><uri>x</uri></include>"), "has <include>; write out"),
