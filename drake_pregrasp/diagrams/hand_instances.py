@@ -91,6 +91,13 @@ class HandInstances:
         instance = self.plant.GetModelInstanceName(element.model_instance())
         return f"{instance}{SCOPE}{element.name()}"
 
+    def name_of(self, element: Joint | RigidBody | Frame) -> str:
+        """Returns the name by which an element is found, with its model instance if need be."""
+        kinds = {"joint": Joint, "link": RigidBody, "frame": Frame}
+        kind = next(kind for kind, own in kinds.items() if isinstance(element, own))
+        having = [i for i in self.instances if element.name() in self._names(i, kind)]
+        return element.name() if len(having) == 1 else self.scoped_name(element)
+
     def joints(self) -> Iterator[Joint]:
         """Yields all joints, those that do not move among them."""
         for instance in self.instances:

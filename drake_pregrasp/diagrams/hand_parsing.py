@@ -217,6 +217,11 @@ def _parse(plant: MultibodyPlant, model: CheckedModel, *, warns: bool) -> list[M
         problem = first_line(error)
         if "pos_lower_limits" in problem:  # A condition of Drake's, which names no joint.
             problem = "the lower limit of a joint must be at most its upper one"
+        if "already has joint" in problem:
+            problem = (
+                "a link is joined twice to another; a link named world is Drake's world, to which"
+                " directives need not weld what the file of a model joins to it"
+            )
         raise InvalidArgumentError(f"model: {path} is no model of a hand: {problem}") from error
     if warns and not is_own(path):
         for line in model.left_out:

@@ -1,5 +1,6 @@
 """Proposal of a hand's description, from the structure of its model."""
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -42,8 +43,12 @@ _ARM_INERTIA, _ARM_EFFORT = 0.1, 50.0  # Of a joint of an arm, in kg m² and N m
 _STARTS = 20  # Number of positions of an arm from which its home is sought.
 _ARM_STEPS = 200  # Largest number of steps from each of them.
 _NEAR_BASE = 0.25  # Distance from an arm's base within which no object is expected, in metres.
+_STILL = 1e-6  # Largest step of a joint that ends them, in radians.
 _ARRIVED = 1e-3  # Error of a palm that is held there, in metres and radians.
 _PLACE = (0.5, 0.0, 0.05)  # Place of an object relative to such a base, in metres.
+HOME_YAWS = (0.0, 1.0, -1.0, 2.0, -2.0, 3.0)
+"""Yaws at which an arm may hold the palm over an object at home, in radians."""
+
 _SIDES = np.vstack([np.eye(3), -np.eye(3)])
 
 
@@ -73,12 +78,12 @@ def propose_hand(model: str) -> HandDescription:
     diagram, hand = _parse(model, source)
     joints = hand.moving_joints()
     chains, shared = _chains(model, diagram, hand, joints)
-    base, carrying = _base(hand, shared, chains)
+    base, carrying = _base(model, hand, shared, chains)
     used = {id(joint) for joint in carrying} | {id(j) for chain in chains for j in chain.joints}
-    locked = [LockedJoint(j.name(), _zero(j)) for j in joints if id(j) not in used]
+    locked = [LockedJoint(hand.name_of(j), _zero(j)) for j in joints if id(j) not in used]
     drives = _drives(hand, [j for j in joints if id(j) in used], carrying, bool(_mount(base)))
     first = HandDescription(model, base, [chain.tip for chain in chains], drives, locked)
-    return _with_homes(first, source, [[j.name() for j in chain.joints] for chain in chains])
+    return _with_homes(first, source, [list(map(hand.name_of, chain.joints)) for chain in chains])
 
 
 def _parse(model: str, source: CheckedModel) -> tuple[RobotDiagram, HandInstances]:
@@ -152,10 +157,14 @@ def _fingertip(
             frame = plant.GetFrameByName(frame_name, instance)
             p_WF = frame.CalcPoseInWorld(context).translation()
             if frame.body() is link and np.linalg.norm(p_WF - center) < radius:
-                return Fingertip(frame.name(), radius=radius, reach=_ANYWHERE)
+                return Fingertip(hand.name_of(frame), radius=radius, reach=_ANYWHERE)
     p_BT = links[-1].EvalPoseInWorld(context).inverse() @ center
     return Fingertip(
-        name, link=links[-1].name(), center=_rounded(p_BT), radius=radius, reach=_ANYWHERE
+        name,
+        link=hand.name_of(links[-1]),
+        center=_rounded(p_BT),
+        radius=radius,
+        reach=_ANYWHERE,
     )
 
 
@@ -182,17 +191,22 @@ def _end(balls: FloatArray, p_WJ: FloatArray) -> tuple[FloatArray, float]:
 
 
 def _base(
-    hand: HandInstances, shared: list[Joint], chains: Sequence[_Chain]
+    model: str, hand: HandInstances, shared: list[Joint], chains: Sequence[_Chain]
 ) -> tuple[BaseConfig, list[Joint]]:
     """Returns the base of a palm, and those of the shared joints that belong to it."""
+    names = list(map(hand.name_of, shared))
     if tuple(joint.type_name() for joint in shared) == JOINT_KINDS:
-        return Carrier([joint.name() for joint in shared], palm_height=0.0), shared
+        return Carrier(names, palm_height=0.0), shared
     if len(shared) >= _ARM_JOINTS:
-        palm = chains[0].joints[0].parent_body().name()
-        home = [round(_middle(joint), 4) for joint in shared]
-        return Arm(palm, [joint.name() for joint in shared], home), shared
-    first = next(b for b in hand.bodies() if not moving_joints(hand.plant, b.body_frame()).any())
-    return Carrier(palm_height=0.0, mount=Mount(first.name())), []
+        palm = hand.name_of(chains[0].joints[0].parent_body().body_frame())
+        return Arm(palm, names, [round(_middle(joint), 4) for joint in shared]), shared
+    for body in hand.bodies():
+        if not moving_joints(hand.plant, body.body_frame()).any():
+            return Carrier(palm_height=0.0, mount=Mount(hand.name_of(body))), []
+    raise InvalidArgumentError(
+        f"model: {model}: fingers hang on the world, as Drake calls a link named world, and not on"
+        " a palm; rename this link"
+    )
 
 
 def _mount(base: BaseConfig) -> str:
@@ -204,15 +218,20 @@ def _drives(
 ) -> list[Drive]:
     """Returns drives for all joints; none if the model has them and nothing is added to it."""
     indices = hand.plant.GetJointActuatorIndices()
-    actuators = {a.joint().name(): a for a in map(hand.plant.get_joint_actuator, indices)}
-    has_gains = [j.name() in actuators and actuators[j.name()].has_controller() for j in joints]
-    if all(has_gains) and not has_mount:
+    actuators = {a.joint().index(): a for a in map(hand.plant.get_joint_actuator, indices)}
+    own = [actuators.get(joint.index()) for joint in joints]
+    if all(a is not None and a.has_controller() for a in own) and not has_mount:
         return []
     kinds: dict[tuple[float, ...], list[str]] = {}
-    bearing = {joint.name() for joint in carrying}
-    for joint in joints:
-        drive = _drive(actuators.get(joint.name()), is_arm=joint.name() in bearing)
-        kinds.setdefault(drive, []).append(joint.name())
+    by_default: dict[float, list[str]] = {}
+    for joint, actuator in zip(joints, own, strict=True):
+        drive, name = _drive(actuator, is_arm=joint in carrying), hand.name_of(joint)
+        kinds.setdefault(drive, []).append(name)
+        if actuator is None or not np.isfinite(actuator.effort_limit()):
+            by_default.setdefault(drive[-1], []).append(name)
+    for effort, names in by_default.items():
+        words = "%s: effort %g N m by default; in a URDF, Drake reads it only with a <transmission>"
+        logging.getLogger(__name__).warning(words, ", ".join(names), effort)
     drives = [Drive(names, *values) for values, names in kinds.items()]
     most = max(range(len(drives)), key=lambda i: len(drives[i].joints))
     drives[most] = replace(drives[most], joints=[])  # No names: all other joints.
@@ -280,26 +299,43 @@ def _with_arm_home(description: HandDescription, source: CheckedModel) -> HandDe
     model = HandModel(description, model=source)
     base, plant = model.base, model.kinematics.plant
     assert isinstance(base, PalmArm)
-    context = plant.CreateDefaultContext()
-    first = model.instances.joint(description.base.joints[0], "base.joints")
-    p_WB = first.frame_on_parent().CalcPoseInWorld(context).translation() * [1.0, 1.0, 0.0]
-    is_near = np.linalg.norm(p_WB) < _NEAR_BASE
-    X_WP = base.palm_goal(p_WB + _PLACE if is_near else np.array([0.0, 0.0, _PLACE[2]]), 0.0)
-    middle, random, found = base.placed(model.fingers_home), np.random.default_rng(0), []
-    for start in range(_STARTS):
-        q = np.array(middle)
-        if start:
-            q[base.joints] = random.uniform(base.lower, base.upper)
-        for _ in range(_ARM_STEPS):
-            q = base.step_to(context, q, X_WP, middle)
-        plant.SetPositions(context, q)
-        if np.max(np.abs(pose_error(base.palm_pose(context), X_WP))) < _ARRIVED:
-            found.append(q[base.joints])
-    if not found:
-        return description
-    half = (base.upper - base.lower) / 2
-    home = min(found, key=lambda q: float(np.max(np.abs(q - base.lower - half) / half)))
-    return replace(description, base=replace(description.base, home=_rounded(home)))
+    context, place = plant.CreateDefaultContext(), usual_place(model)
+    middle, half = base.placed(model.fingers_home), (base.upper - base.lower) / 2
+    for yaw in HOME_YAWS:
+        X_WP, random, found = base.palm_goal(place, yaw), np.random.default_rng(0), []
+        for start in range(_STARTS):
+            q = np.array(middle)
+            if start:
+                q[base.joints] = random.uniform(base.lower, base.upper)
+            for _ in range(_ARM_STEPS):
+                before, q = q, base.step_to(context, q, X_WP, middle)
+                if np.max(np.abs(q - before)) < _STILL:
+                    break
+            plant.SetPositions(context, q)
+            if np.max(np.abs(pose_error(base.palm_pose(context), X_WP))) < _ARRIVED:
+                found.append(q[base.joints])
+        if found:
+            home = min(found, key=lambda q: float(np.max(np.abs(q - base.lower - half) / half)))
+            return replace(description, base=replace(description.base, home=_rounded(home)))
+    return description
+
+
+def usual_place(model: HandModel) -> FloatArray:
+    """Returns a place at which a hand should hold its palm over an object, shape (3,), in metres.
+
+    It is over the origin of W, unless the base of an arm is there.
+
+    Args:
+        model: Model of the hand.
+    """
+    place, base = np.array([0.0, 0.0, _PLACE[2]]), model.description.base
+    if isinstance(base, Arm):
+        context = model.kinematics.plant.CreateDefaultContext()
+        frame = model.instances.joint(base.joints[0], "base.joints").frame_on_parent()
+        p_WB = frame.CalcPoseInWorld(context).translation() * [1.0, 1.0, 0.0]
+        if np.linalg.norm(p_WB) < _NEAR_BASE:
+            place = p_WB + _PLACE
+    return place
 
 
 def _palm_rotation(grip: Grip) -> RotationMatrix:

@@ -17,7 +17,8 @@ _OUTWARD, _DOWNWARD, _MIDDLE = 4.0, 1.0, 2.0  # Costs of directions of a finger,
 _WIDEST_GAP = np.pi + 0.2  # Angle between neighbouring fingers beyond which none oppose others.
 _ONE_SIDED = 100.0  # Cost of a larger angle, per radian.
 _PALM_HEIGHT = 0.06  # Least height of the first joints over the object's centre, in metres.
-_CROWDED = 50.0  # Cost of two fingertips that touch each other.
+_APART = 0.003  # Least gap between fingertips, in metres.
+_CROWDED = 50.0  # Cost of two fingertips with less between them; the gap that is missing adds.
 _CENTERS = 400  # Largest number of places of the object that are tried along an axis.
 _SAMPLES = 1000  # Number of positions of a finger among which the best are sought.
 _FINER = 5  # Places along each edge of the grid around the best place.
@@ -102,12 +103,14 @@ def _best(
     fingers: Sequence[Finger], postures: Sequence[_Postures], centers: FloatArray, axis: FloatArray
 ) -> Grip:
     """Returns the grip of least cost among places of the object."""
-    costs, chosen = zip(
-        *(_costs(f, p, centers, axis) for f, p in zip(fingers, postures, strict=True)),
-        strict=True,
-    )
-    places = np.array([p.tips[c] for p, c in zip(postures, chosen, strict=True)])
-    total = np.sum(costs, axis=0) + _joint_costs(fingers, places - centers, axis)
+    total, chosen = np.zeros(len(centers)), []
+    places = np.empty((0, len(centers), 3))
+    for finger, own in zip(fingers, postures, strict=True):
+        costs, best = _costs(finger, own, centers, axis, fingers, places)
+        total += costs
+        chosen.append(best)
+        places = np.concatenate([places, own.tips[best][None]])
+    total += _one_sided_costs(places - centers, axis)
     least = int(np.argmin(total))
     homes = [p.q[c[least]] for p, c in zip(postures, chosen, strict=True)]
     return Grip(axis, centers[least], homes, places[:, least], float(total[least]))
@@ -145,9 +148,23 @@ def _postures(finger: Finger, q: FloatArray) -> _Postures:
 
 
 def _costs(
-    finger: Finger, postures: _Postures, centers: FloatArray, axis: FloatArray
+    finger: Finger,
+    postures: _Postures,
+    centers: FloatArray,
+    axis: FloatArray,
+    others: Sequence[Finger],
+    p_UT: FloatArray,
 ) -> tuple[FloatArray, IntArray]:
-    """Returns the least cost of a finger for each place, and the posture that has it."""
+    """Returns the least cost of a finger for each place, and the posture that has it.
+
+    Args:
+        finger: The finger.
+        postures: Its postures.
+        centers: Places of the object in U, shape (m, 3), in metres.
+        axis: Direction from the object to the palm in U.
+        others: Other fingers, of which more may follow.
+        p_UT: Fingertips of the first k of them for each place, shape (k, m, 3), in metres.
+    """
     distance = OBJECT_RADIUS + _GAP + finger.radius
     own = _MIDDLE * postures.limits + _DOWNWARD * (1 + postures.last @ axis)
     across = np.eye(3) - np.outer(axis, axis)
@@ -161,16 +178,19 @@ def _costs(
         cost = ((length - distance) ** 2 + (heights - height) ** 2) / _TOLERANCE**2 + own
         cost += _OUTWARD * (1 - (away - outward @ place) / length)
         cost += np.maximum(0.0, (lows + height) / _TOLERANCE) ** 2
+        for other, p in zip(others, p_UT[:, index], strict=False):
+            between = np.linalg.norm(postures.tips - p, axis=1)
+            missing = np.maximum(0.0, finger.radius + other.radius + _APART - between)
+            cost += (missing > 0) * _CROWDED + (missing / _TOLERANCE) ** 2
         chosen[index] = np.argmin(cost)
         costs[index] = cost[chosen[index]]
     return costs, chosen
 
 
-def _joint_costs(fingers: Sequence[Finger], off: FloatArray, axis: FloatArray) -> FloatArray:
-    """Returns the costs of fingers that do not oppose, or are too close to, each other.
+def _one_sided_costs(off: FloatArray, axis: FloatArray) -> FloatArray:
+    """Returns the costs of fingers that do not oppose each other, shape (m,).
 
     Args:
-        fingers: The fingers.
         off: Fingertips relative to the object's centre, shape (n, m, 3), in metres.
         axis: Direction from the object to the palm.
     """
@@ -179,23 +199,20 @@ def _joint_costs(fingers: Sequence[Finger], off: FloatArray, axis: FloatArray) -
     angles = np.sort(np.arctan2(off @ np.cross(axis, e1), off @ e1), axis=0)
     gaps = np.diff(np.concatenate([angles, angles[:1] + 2 * np.pi]), axis=0)
     cost: FloatArray = _ONE_SIDED * np.maximum(0.0, np.max(gaps, axis=0) - _WIDEST_GAP)
-    for i, first in enumerate(fingers):
-        for j in range(i):
-            between = np.linalg.norm(off[i] - off[j], axis=1)
-            cost += _CROWDED * (between < first.radius + fingers[j].radius + 0.003)
     return cost
 
 
 def _refined(fingers: Sequence[Finger], grip: Grip) -> Grip:
     """Returns a grip with positions of less cost nearby, at the same place of the object."""
-    random, homes, tips = np.random.default_rng(0), [], []
-    for finger, home in zip(fingers, grip.homes, strict=True):
-        chain, width = finger.chain, 0.1
+    random, homes, p_UT = np.random.default_rng(0), list(grip.homes), np.array(grip.p_UT)
+    for i, finger in enumerate(fingers):
+        chain, width, home = finger.chain, 0.1, homes[i]
+        others, places = [*fingers[:i], *fingers[i + 1 :]], np.delete(p_UT, i, axis=0)[:, None]
         for _ in range(_ROUNDS):
             step = width * (chain.upper - chain.lower) * random.normal(size=(_TRIES, len(home)))
             q = np.clip(np.vstack([home, home + step]), chain.lower, chain.upper)
-            _, (best,) = _costs(finger, _postures(finger, q), grip.center[None], grip.axis)
+            found = _postures(finger, q)
+            _, (best,) = _costs(finger, found, grip.center[None], grip.axis, others, places)
             home, width = q[best], 0.5 * width
-        homes.append(home)
-        tips.append(chain.tips(home[None])[0][0])
-    return replace(grip, homes=homes, p_UT=np.array(tips))
+        homes[i], p_UT[i] = home, chain.tips(home[None])[0][0]
+    return replace(grip, homes=homes, p_UT=p_UT)

@@ -1,6 +1,7 @@
 """Checks of hand descriptions, and proposals for models that have none."""
 
 import dataclasses
+import itertools
 import os
 import typing
 from collections.abc import Sequence
@@ -17,7 +18,7 @@ from drake_pregrasp.config.hand_description import Drive, HandDescription
 from drake_pregrasp.config.yaml_text import TAG_KEY, dump_yaml
 from drake_pregrasp.diagrams.directive_files import DIRECTIVES, YAML
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.diagrams.hand_proposal import propose_hand
+from drake_pregrasp.diagrams.hand_proposal import HOME_YAWS, propose_hand, usual_place
 from drake_pregrasp.errors import InvalidArgumentError, PregraspError, problems_of
 from drake_pregrasp.grasping.finger_homes import OBJECT_RADIUS
 from drake_pregrasp.resources import resolve_path
@@ -71,7 +72,7 @@ def check_hand(file: str, *, folders: Sequence[str | Path] | None = None) -> Han
         model = made_hand(description)
     except PregraspError as error:
         return HandCheck(description, None, problems_of(error), is_proposal)
-    return HandCheck(description, model, _place_problems(model), is_proposal)
+    return HandCheck(description, model, _home_problems(model), is_proposal)
 
 
 def _schema_problems(file: str) -> list[str]:
@@ -81,13 +82,25 @@ def _schema_problems(file: str) -> list[str]:
     return [": ".join(filter(None, (key, problem))) for key, problem in found]
 
 
-def _place_problems(model: HandModel) -> list[str]:
-    """Returns the problems of a hand over an object at the origin of W."""
-    try:
-        model.home(np.array([0.0, 0.0, OBJECT_RADIUS]), 0.0)
-    except InvalidArgumentError as error:
-        return [str(error)]
-    return []
+def _home_problems(model: HandModel) -> list[str]:
+    """Returns the problems of fingertips at home, and of a palm over an object."""
+    problems, tips, radii = [], model.description.fingertips, model.tip_radii
+    for i, j in itertools.combinations(range(len(tips)), 2):
+        between = float(np.linalg.norm(model.p_HT[i] - model.p_HT[j]))
+        if between < radii[i] + radii[j]:
+            problems.append(
+                f"fingertips: at home, the centres of {tips[i].frame} and {tips[j].frame} are"
+                f" {1e3 * between:.3g} mm apart; they must be {1e3 * (radii[i] + radii[j]):.3g} mm"
+                " apart or more"
+            )
+    place, misses = usual_place(model), list[str]()
+    for yaw in HOME_YAWS:
+        try:
+            model.home(place, yaw)
+            return problems
+        except InvalidArgumentError as error:
+            misses.append(str(error))
+    return [*problems, f"{misses[0]}, and is there at no other yaw; move the base"]
 
 
 def description_yaml(description: HandDescription, folder: Path) -> str:

@@ -5,11 +5,14 @@ import shutil
 import numpy as np
 import pytest
 from conftest import usable_hands
+from own_arm import write_arm
 from pages import DOCS, blocks
 
 from drake_pregrasp import HandModel, load_hand, load_scenario, run
 from drake_pregrasp.cli import main
 from drake_pregrasp.config.hand_description import Arm
+from drake_pregrasp.diagrams.hand_proposal import HOME_YAWS
+from drake_pregrasp.diagrams.palm_meeting import palm_limits
 from drake_pregrasp.grasping.finger_homes import OBJECT_RADIUS
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.hand_check import check_hand, description_yaml
@@ -67,6 +70,85 @@ def test_a_proposal_for_a_plain_urdf_grasps(tmp_path, monkeypatch):
     scenario = load_scenario("grasp_five_finger", text=text)
     grasp = run(scenario, name="own", out=tmp_path, recording=False).summary["grasp"]
     assert (grasp["phase"], grasp["gave_up"]) == ("hold", None)
+
+
+@pytest.mark.slow
+def test_an_arm_and_a_hand_with_equal_names_are_proposed_over_an_object(tmp_path, caplog, capsys):
+    directives = write_arm(tmp_path)
+    out = tmp_path / "robot.yaml"
+    assert main(["hand", "check", str(directives), "-o", str(out)]) == 0
+    assert capsys.readouterr().err == ""
+    own = load_hand(out)
+    assert own.base.palm == "hand::palm"
+    arm, fingers = caplog.messages[:2]
+    assert arm.startswith("joint_0, joint_1")
+    assert "effort 50 N m by default" in arm
+    assert "curl_2: effort 1 N m by default" in fingers
+    model = HandModel(own)
+    places = [model.base.palm_goal(np.array([0.0, 0.0, 0.05]), yaw) for yaw in HOME_YAWS]
+    context = model.kinematics.plant.CreateDefaultContext()
+    model.kinematics.plant.SetPositions(context, model.base.placed(model.fingers_home))
+    palm = model.base.palm_pose(context)
+    assert any(palm.IsNearlyEqualTo(place, 2e-3) for place in places)
+    # Without limits of joints' accelerations, the fingertips limit that of the palm.
+    limits = palm_limits(model, model.base.placed(model.fingers_home), tip_acceleration=5.0)
+    np.testing.assert_allclose(limits.acceleration, 3.0)
+
+
+@pytest.mark.slow
+def test_an_arm_that_holds_its_palm_nowhere_over_an_object_is_said_with_its_proposal(tmp_path):
+    found = check_hand(str(write_arm(tmp_path, base=(-1.5, 0.0, 0.0))))
+    assert found.is_proposal
+    assert found.description is not None
+    (problem,) = found.problems
+    for words in ("it stays", "at no other yaw", "move the base"):
+        assert words in problem
+
+
+def test_a_second_joint_to_the_world_is_named(tmp_path, capsys):
+    joint = '<joint name="fix" type="fixed"><parent link="world"/><child link="base"/></joint>'
+    directives = write_arm(tmp_path, more=f'<link name="world"/>{joint}')
+    assert main(["hand", "check", str(directives)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "a link is joined twice to another; a link named world is Drake's world" in line
+    assert "AddJoint" not in line
+
+
+def test_a_palm_named_world_is_refused(tmp_path, capsys):
+    text = (DOCS / "own_hand" / "gripper.urdf").read_text()
+    (tmp_path / "hand.urdf").write_text(text.replace('"palm"', '"world"'))
+    assert main(["hand", "check", str(tmp_path / "hand.urdf")]) == 2
+    assert "fingers hang on the world" in capsys.readouterr().err
+
+
+def test_a_file_that_is_there_is_refused_before_the_search(tmp_path, capsys):
+    (out := tmp_path / "own.yaml").write_text("mine")
+    assert main(["hand", "check", "nothing.urdf", "-o", str(out)]) == 2
+    assert "own.yaml is there already" in capsys.readouterr().err
+    assert out.read_text() == "mine"
+
+
+@pytest.mark.slow
+def test_fingertips_of_a_proposal_stay_apart(tmp_path):
+    text = (DOCS / "own_hand" / "gripper.urdf").read_text()
+    for old, new in (("0.025 0", "0.011 0"), ("0.3500", "0.05")):  # Side by side.
+        text = text.replace(f"0.035 {old}", f"0.035 {new}").replace(
+            f"0.035 -{old}", f"0.035 -{new}"
+        )
+        text = text.replace(f"0 0 {old}", f"0 0 {new}").replace(f"0 0 -{old}", f"0 0 -{new}")
+    (tmp_path / "hand.urdf").write_text(text)
+    found = check_hand(str(tmp_path / "hand.urdf"))
+    assert found.problems == []
+    p_HT = found.model.p_HT
+    assert np.linalg.norm(p_HT[0] - p_HT[1]) > 2 * found.description.fingertips[0].radius
+
+
+def test_fingertips_that_overlap_at_home_are_named_with_their_distance(tmp_path, capsys):
+    (tmp_path / "own.yaml").write_text(SHIPPED_TEXT.replace("radius: 0.009", "radius: 0.065"))
+    assert main(["hand", "check", str(tmp_path / "own.yaml")]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 3
+    assert "finger_0_tip and finger_1_tip are 126 mm apart; they must be 130 mm" in lines[0]
 
 
 def refused(text, changes, tmp_path, capsys):
