@@ -67,6 +67,19 @@ def problems_of(error: PregraspError) -> list[str]:
     return error.problems if isinstance(error, ProblemsError) else [str(error)]
 
 
+class OutOfReachError(InvalidArgumentError):
+    """An arm cannot hold its palm at a pose.
+
+    Args:
+        problem: Description of the problem.
+        miss: Least distance from the pose, in metres.
+    """
+
+    def __init__(self, problem: str, miss: float) -> None:
+        super().__init__(problem)
+        self.miss = miss
+
+
 class NoSurfaceError(InvalidArgumentError):
     """No part of an object's surface is allowed for contacts."""
 
@@ -97,11 +110,12 @@ class NoGraspError(InvalidArgumentError):
     Args:
         lack: What is missing.
         detail: What there is instead.
+        miss: Least distance of the palm from where it should be, in metres, if that is missing.
     """
 
-    def __init__(self, lack: Lack, detail: str) -> None:
+    def __init__(self, lack: Lack, detail: str, miss: float = 0.0) -> None:
         super().__init__(f"no grasp for lack of {lack}: {detail}")
-        self.lack = lack
+        self.lack, self.miss = lack, miss
 
 
 class ScenarioError(PregraspError):

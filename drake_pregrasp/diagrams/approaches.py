@@ -10,7 +10,7 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import ABOVE, SIDE, GraspConfig
 from drake_pregrasp.contacts.hand_over_object import StartContacts
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.errors import InvalidArgumentError, Lack, NoGraspError
 from drake_pregrasp.geometry.solids import HalfSpace, Solid
 from drake_pregrasp.grasping.clearances import LINK_CLEARANCE
 from drake_pregrasp.systems.palm_frames import FROM_ABOVE
@@ -91,7 +91,7 @@ def best_approach(
         start_of: Function that returns the start contacts of a model.
 
     Raises:
-        InvalidArgumentError: If none has any; it is the error of the first one.
+        InvalidArgumentError: If none has any; it is the error of the one that is nearest to it.
     """
     found: list[Approach] = []
     problems: list[InvalidArgumentError] = []
@@ -101,5 +101,12 @@ def best_approach(
         except InvalidArgumentError as error:
             problems.append(error)
     if not found:
-        raise problems[0]
+        raise min(problems, key=_shortfall)
     return max(found, key=lambda approach: approach.start.score)
+
+
+def _shortfall(problem: InvalidArgumentError) -> tuple[int, float]:
+    """Returns how much an approach lacks: the order of `Lack`, and the distance of its palm."""
+    if isinstance(problem, NoGraspError):
+        return -list(Lack).index(problem.lack), problem.miss
+    return 1, 0.0

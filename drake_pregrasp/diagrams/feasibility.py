@@ -137,8 +137,8 @@ def palm_problem(
     p_OCoM: FloatArray,
     table: float,
     yaw: float,
-) -> str:
-    """Returns why a hand cannot hold its palm at a yaw along a path; empty if it can.
+) -> InvalidArgumentError | None:
+    """Returns why a hand cannot hold its palm at a yaw along a path; None if it can.
 
     Args:
         hand: Model of the hand.
@@ -151,12 +151,14 @@ def palm_problem(
     try:
         check_palm(hand, config, path, p_OCoM, yaw)
     except InvalidArgumentError as error:
-        return str(error)
+        return error
     height = float((path[0] @ p_OCoM + hand.X_LA.translation())[2]) - table
     needed = hand.fingers.depth(yaw) + LINK_CLEARANCE
     if hand.X_LA.rotation().IsExactlyIdentity() or needed <= height:
-        return ""
-    return f"fingers at home need a palm {needed:.3g} m over the table, and it is at {height:.3g} m"
+        return None
+    return InvalidArgumentError(
+        f"fingers at home need a palm {needed:.3g} m over the table, and it is at {height:.3g} m"
+    )
 
 
 def check_torques(

@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.hand_description import Arm, BaseConfig, Carrier
 from drake_pregrasp.diagrams.hand_instances import HandInstances
-from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.errors import InvalidArgumentError, OutOfReachError
 from drake_pregrasp.systems.hand_kinematics import moving_joints
 from drake_pregrasp.systems.palm_frames import pose_error, turned_frame
 
@@ -185,9 +185,11 @@ class PalmArm:
             posed[self.joints] = random.uniform(low, high)
         error = min(errors, key=lambda error: float(np.linalg.norm(error)))
         place = ", ".join(f"{x:.3g}" for x in X_WP.translation())
-        raise InvalidArgumentError(
+        miss = float(np.linalg.norm(error[3:]))
+        raise OutOfReachError(
             f"base: the arm cannot hold the palm at ({place}) m, turned by {yaw:.3g} rad; it stays"
-            f" {1e3 * np.linalg.norm(error[3:]):.3g} mm and {np.linalg.norm(error[:3]):.3g} rad off"
+            f" {1e3 * miss:.3g} mm and {np.linalg.norm(error[:3]):.3g} rad off",
+            miss,
         )
 
     def placed(self, q: FloatArray) -> FloatArray:

@@ -1,5 +1,6 @@
 """Start contacts of a hand over an object, chosen or given, and the planner's limits for it."""
 
+import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -18,7 +19,7 @@ from drake_pregrasp.contacts.start_contacts import choose_start_contacts
 from drake_pregrasp.diagrams.approaches import table_height
 from drake_pregrasp.diagrams.feasibility import palm_problem, yaw_matrix
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.errors import InvalidArgumentError, Lack, NoGraspError
+from drake_pregrasp.errors import InvalidArgumentError, Lack, NoGraspError, OutOfReachError
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GENTLE
@@ -160,7 +161,7 @@ def _clearance_weight(hand: HandModel, gravity: float) -> float:
 
 
 def _contacts_or_reason(
-    palm_problem: Callable[[float], str],
+    palm_problem: Callable[[float], InvalidArgumentError | None],
     surface: ObjectSurface,
     solid: SignedDistance,
     hand: HandOverObject,
@@ -171,8 +172,10 @@ def _contacts_or_reason(
     """
     tried = np.unique(np.clip(np.linspace(-np.pi, np.pi, _PALM_YAWS), *hand.yaw_range))
     yaws = sorted(tried.tolist(), key=abs)
-    if all(map(palm_problem, yaws)):
-        raise NoGraspError(Lack.ARM, palm_problem(yaws[0]))
+    missed = list(itertools.takewhile(bool, map(palm_problem, yaws)))
+    if len(missed) == len(yaws):
+        nearest = min(filter(None, missed), key=_miss)
+        raise NoGraspError(Lack.ARM, str(nearest), _miss(nearest))
     try:
         return choose_start_contacts(surface, solid, hand)
     except NoGraspError as error:
@@ -185,6 +188,10 @@ def _contacts_or_reason(
         held = f"the palm is held at {len(yaws) - len(missed)} of {len(yaws)} yaws"
         detail = f"{held}, and fingers grasp at none of these: {missed[0]}"
         raise NoGraspError(Lack.ARM, detail) from error
+
+
+def _miss(problem: InvalidArgumentError) -> float:
+    return problem.miss if isinstance(problem, OutOfReachError) else np.inf
 
 
 def _given_contacts(

@@ -13,7 +13,8 @@ from pydrake.systems.framework import DiagramBuilder
 
 import drake_pregrasp as dp
 from drake_pregrasp.config.hand_description import Carrier, Closing, HandDescription, Mount
-from drake_pregrasp.errors import Lack
+from drake_pregrasp.diagrams.approaches import best_approach
+from drake_pregrasp.errors import Lack, NoGraspError
 from drake_pregrasp.geometry.solids import HalfSpace
 from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 
@@ -140,6 +141,22 @@ def test_a_link_that_starts_inside_of_a_fixed_solid_is_named_with_its_depth():
 def test_without_a_grasp_python_says_what_is_missing():
     with pytest.raises(dp.NoGraspError, match="for lack of friction"):
         add(mass=0.1, planned_friction=0.02, largest_force=100.0)
+
+
+@pytest.mark.parametrize(
+    ("problems", "nearest"),
+    [
+        ([NoGraspError(Lack.ARM, "far", 0.2), NoGraspError(Lack.ARM, "near", 0.01)], "near"),
+        ([NoGraspError(Lack.ARM, "near", 0.01), NoGraspError(Lack.ROOM, "there")], "there"),
+        ([dp.InvalidArgumentError("first"), dp.InvalidArgumentError("second")], "first"),
+    ],
+)
+def test_of_approaches_without_a_grasp_the_nearest_is_named(problems, nearest):
+    def start_of(index):
+        raise problems[index]
+
+    with pytest.raises(dp.InvalidArgumentError, match=nearest):
+        best_approach(range(len(problems)), start_of)
 
 
 TALL = dp.box_surface([0.06, 0.07, 0.2], spacing=0.012, forbidden_faces=["+z", "-z"])
