@@ -105,9 +105,9 @@ class HeldFrame:
         self._p_WT, self._f_T_W, self._pose = p_WT, f_T_W, pose
         self._camera_offset = camera_offset
         self._grasp, self._period = grasp, period
-        self._last_shown = system.DeclareDiscreteState(3)
         self._last = system.DeclareDiscreteState(pack(_AT_REST))
         self._sticking = system.DeclareDiscreteState(np.full(3 * n, np.nan))
+        self._last_shown = system.DeclareDiscreteState(3)
         stored, cache = system.xd_ticket(), partial(ports.declare_cache, system)
         shown = stored, camera_offset
         self.offset = cache("offset of G", np.zeros(3), self._calc_offset, *shown)
@@ -193,7 +193,7 @@ class HeldFrame:
         """Returns the velocity with which the hand moves the object in W, or NaN if it does not."""
         memory: HeldMemory = self.memory.Eval(context)
         state: GraspState = self._grasp.Eval(context)
-        if not memory.is_gripped or state.share == 0:
+        if state.share == 0 or not np.isfinite(memory.p_GT).any():
             return SpatialVelocity(np.full(6, np.nan))
         w_WG, v_WG = self.motion.Eval(context).V_WG
         rising = state.height.rate(context.get_time()) * self._held.lift_axis
