@@ -122,14 +122,15 @@ SLOW_TO_LOAD = (*("finger_measures", "grasp_from_side", "grasp_shadow"),)
 
 def usable_scenarios() -> list[Any]:
     """The names of the shipped scenarios; those of hands that are not there are skipped."""
-    lacking = dict.fromkeys(("grasp_allegro_panda", "see_with_allegro"), lacking_robots())
+    with_panda = "grasp_allegro_panda", "see_with_allegro", "catch_with_panda"
+    lacking = dict.fromkeys(with_panda, lacking_robots())
     lacking["grasp_shadow"] = lacking_shadow()
     return _usable(shipped_scenarios(), lacking)
 
 
 def usable_studies() -> list[Any]:
     """The names of the shipped studies; those of robots that are not there are skipped."""
-    lacking = {"random_boxes_allegro": lacking_robots()}
+    lacking = dict.fromkeys(("random_boxes_allegro", "catching_with_panda"), lacking_robots())
     lacking["engines"] = lacking_robots() or lacking_shadow() or lacking_mujoco()
     return _usable(shipped_studies(), lacking | {"household": lacking_robots() or lacking_shadow()})
 

@@ -31,6 +31,21 @@ class HandFile:
     # for a hand that is shipped. Empty: no hand, only planning.
     file: str = field(default="", metadata={"path": True})
 
+    # Position in W of the frame B that the model calls its world, in metres. It moves the base of
+    # an arm; a carrier does not have it.
+    position: list[float] = field(default_factory=zeros, metadata=POINT)
+
+    # Orientation of B in W, as roll, pitch and yaw, in radians: an arm behind the belt may stand
+    # beside it, for example.
+    rpy: list[float] = field(default_factory=zeros, metadata=POINT)
+
+    @property
+    def X_WB(self) -> RigidTransform | None:
+        """Pose in W of the frame B that the model calls its world; None where the two coincide."""
+        if not any(self.position) and not any(self.rpy):
+            return None
+        return RigidTransform(RollPitchYaw(self.rpy), self.position)
+
 
 @dataclass
 class HandFrame:
@@ -115,6 +130,7 @@ def made_hand(
     description: HandDescription,
     yaw_range: tuple[float, float] = FREE_TURN,
     X_LA: RigidTransform = FROM_ABOVE,
+    X_WB: RigidTransform | None = None,
     model: CheckedModel | None = None,
 ) -> HandModel:
     """Returns the model of a hand; the arguments are those of `HandModel`.
@@ -124,7 +140,7 @@ def made_hand(
     """
     try:
         with failures_as_errors():
-            return HandModel(description, yaw_range, X_LA, model=model)
+            return HandModel(description, yaw_range, X_LA, X_WB, model)
     except RuntimeError as error:
         problem = f"model: {description.model} cannot be used: {first_line(error)}"
         raise InvalidArgumentError(problem) from error

@@ -11,7 +11,7 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.finger_config import capability_at, remaining_contacts
 from drake_pregrasp.config.grasp_config import ABOVE
-from drake_pregrasp.config.hand_description import HandDescription
+from drake_pregrasp.config.hand_description import Arm, HandDescription
 from drake_pregrasp.config.object_config import (
     Box,
     Conveyor,
@@ -45,7 +45,7 @@ from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation import scenario_check
 from drake_pregrasp.simulation.grasp_check import grasp_problems, model_problems
-from drake_pregrasp.simulation.hand_file import load_hand, made_hand
+from drake_pregrasp.simulation.hand_file import HandFile, load_hand, made_hand
 from drake_pregrasp.simulation.obstacle_config import moving_solid
 from drake_pregrasp.simulation.scenario import TIME_STEP, Scenario
 from drake_pregrasp.systems.palm_frames import FROM_ABOVE
@@ -291,13 +291,18 @@ def _hand_and_start(
     grasp, file = scenario.grasp, scenario.hand_file
     R_WO, p_OCoM = X_WO.rotation().matrix(), shape.p_OCoM
 
+    X_WB = scenario.hand.X_WB if isinstance(scenario.hand, HandFile) else None
+    if X_WB is not None and not isinstance(description.base, Arm):
+        problem = f"only an arm can stand elsewhere, and {file} has none"
+        raise ScenarioError("", "hand.position", problem)
     with errors_at("hand.file", f"{file}: "):
-        upright = made_hand(description)
+        upright = made_hand(description, X_WB=X_WB)
 
     def model(X_LA: RigidTransform) -> HandModel:
         up = X_LA.rotation().matrix()[:, 2] @ R_WO
         top = float(np.max((shape.mesh.vertices - p_OCoM) @ up))
-        return made_hand(description.over_object(top), grasp.yaw_range, X_LA, upright.model)
+        raised = description.over_object(top)
+        return made_hand(raised, grasp.yaw_range, X_LA, X_WB, upright.model)
 
     raise_first(model_problems(grasp, upright))
     with errors_at("hand.file", f"{file}: "):

@@ -27,6 +27,13 @@ def test_a_hand_that_loses_two_fingers_on_its_way_holds_with_three(tmp_path):
     np.testing.assert_array_equal(pressing, np.setdiff1d(range(5), event.contacts))
 
 
+def test_an_arm_beside_a_belt_goes_along_with_a_cube(allegro_panda, tmp_path):
+    _, log = held_run("catch_with_panda", 20.0, tmp_path)
+    lifted = log["phase"] == GraspPhase.LIFT
+    first = points(log, "wo")[np.argmax(lifted)]
+    assert first[0] - points(log, "wo")[0, 0] > 0.5  # The cube went past the arm meanwhile.
+
+
 def test_a_hand_goes_with_a_rolling_cylinder_and_takes_it_once_it_rests(tmp_path):
     _, log = held_run("catch_rolling", 23.0, tmp_path)
     p_WO, tracked = points(log, "wo"), log["phase"] == GraspPhase.TRACK
