@@ -75,4 +75,4 @@ def test_a_control_tick_of_a_hand_is_small() -> None:
     for time in (2.011, 4.511, 5.211, 7.011):
         simulator.AdvanceTo(time)
         calls = calls_of(lambda end=time + 0.01: simulator.AdvanceTo(end))
-        check(calls, files=27, functions=104, count=169)
+        check(calls, files=28, functions=107, count=177)

@@ -86,8 +86,9 @@ class GraspConfig:
     # Largest speed of a fingertip goal over the object, in m/s.
     goal_speed: float = field(default=0.3, metadata=_LENGTH)
 
-    # Largest acceleration of fingertips on the way to their goals, in m/s²: half of what the axes
-    # of the five-finger hand's carrier allow, so that the palm can follow.
+    # Largest acceleration of fingertips relative to their goals, in m/s², which accelerate by at
+    # most 60 % of it on the way to a meeting: half of what the axes of the five-finger hand's
+    # carrier allow, so that the palm can follow.
     tip_acceleration: float = field(default=5.0, metadata={"above": 0, "at_most": 100})
 
     # Gap between fingertips and object while tracking, in metres.

@@ -210,12 +210,12 @@ def AddHandController(
         body: Body of the object, for its contact; None for the only free body of the plant.
 
     Raises:
-        NoGraspError: If contacts are to be chosen, but there is no grasp, or the torques of the
-            hand's joints do not hold the weight.
+        NoGraspError: If contacts are to be chosen, but there is no grasp, as where an arm cannot
+            hold the palm at the object, or the torques of the hand's joints do not hold the weight.
         InvalidArgumentError: If an argument has another type or is out of its range, settings do
             not go together, the hand and its model, the robot in the plant, or given contacts and
-            the fingers, do not match, an arm cannot hold the palm over the object, or the object or
-            a link starts inside of `fixed`.
+            the fingers, do not match, an arm cannot hold the palm over given contacts, or the
+            object or a link starts inside of `fixed`.
     """
     config = config or GraspConfig()
     check_plant(builder, plant, scene_graph, body)

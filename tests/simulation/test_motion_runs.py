@@ -53,7 +53,10 @@ def test_the_camera_sees_the_whole_motion(name):
     file, _ = shipped_scenarios()[name]
     resolved = resolve(load_typed(Scenario, read_mapping(file)[name], Scenario()))
     scenario, shape = resolved.scenario, resolved.shape
-    path = expected_path(scenario.motion, scenario.simulation_duration, shape)
+    end = scenario.simulation_duration
+    if resolved.hand is not None and not scenario.grasp.meeting.wait_at:
+        end = min(end, scenario.grasp.latest_rest(resolved.hand.description.fingertips))
+    path = expected_path(scenario.motion, end, shape)
     extent = max(shape.mesh.extents)
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * extent / 2
     for view in (camera_view(resolved, follows=follows) for follows in (False, True)):
