@@ -18,8 +18,8 @@ class _Announcement(Listener):  # type: ignore[misc]
         """See numba's `Listener`."""
         unregister("numba:compile", self)
         logging.getLogger(__name__).warning(
-            "numba compiles the planner, which takes minutes on a busy machine; later starts load it"
-            " from a cache, and DRAKE_PREGRASP_FAST=0 does without"
+            "numba compiles the planner, for minutes on a busy machine; later starts load it from a"
+            " cache, and DRAKE_PREGRASP_FAST=0 does without"
         )
 
     def on_end(self, event: Event) -> None:
