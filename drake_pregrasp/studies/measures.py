@@ -243,6 +243,7 @@ GRASP = MeasureGroup(
         "held": "object held",
         "clean": "clean grasp",
         "fingers": "fingers that took part",
+        "catchable": "share of the wait in which a meeting is possible",
         "waited_s": "waited before closing [s]",
         "withdrawn": "withdrawn fingers, mean",
         **_MOTION,

@@ -18,6 +18,7 @@ from drake_pregrasp.config.object_config import Box, Conveyor, Cylinder
 from drake_pregrasp.contacts.assignment import wrapped
 from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
+from drake_pregrasp.grasping.catch_limits import CatchLimit
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspState
 from drake_pregrasp.grasping.held_criterion import HOLD_DURATION, SHAKE_END
 from drake_pregrasp.regions.constraints import Obstacles
@@ -241,6 +242,15 @@ def test_a_grasp_is_read_from_what_was_seen():
     found = {name: getattr(outcome, name) for name in expected}
     assert found == pytest.approx(expected, abs=1e-3, nan_ok=True)
     assert {"held": True, **outcome.motion} == motion_of(good_grasp(), 2.0)
+
+
+@pytest.mark.parametrize("limits", [(CatchLimit.NONE, CatchLimit.SPEED, CatchLimit.SIGHT), ()])
+def test_the_wait_says_how_often_a_meeting_is_possible(limits):
+    waiting = [record(0.1 * k, GraspPhase.APPROACH) for k in range(len(limits))]
+    for each, limit in zip(waiting, limits, strict=True):
+        each.catch_certificate[0] = limit
+    found = outcome_of([*waiting, *good_grasp()[1:]]).catchable
+    assert found == pytest.approx(1 / 3 if limits else np.nan, nan_ok=True)
 
 
 @pytest.mark.parametrize("touched", range(3))

@@ -8,6 +8,7 @@ import numpy as np
 from drake_pregrasp.arrays import TIME_ROUNDING
 from drake_pregrasp.config.object_config import Conveyor, is_free_flight
 from drake_pregrasp.contacts.selection_input import ContactStatus
+from drake_pregrasp.grasping.catch_limits import CatchLimit
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState, describe_give_up
 from drake_pregrasp.grasping.held_criterion import (
     HOLD_DURATION,
@@ -59,6 +60,8 @@ class Outcome:
         held: Whether the object was held, by `HELD_IN_WORDS`.
         motion: Motion of the object, as `held_measures` returns it.
         fingers: Number of fingers that took part.
+        catchable: Share of the control ticks before the hand follows the object at which the
+            certificate says that it can be met; NaN without such a tick.
         waited_s: Time for which the gate delayed the command to close, in seconds.
         withdrawn: Number of fingers that were not lost but had no goal, because it was out of reach
             or too near to an obstacle; mean over the planner's ticks before closing.
@@ -75,6 +78,7 @@ class Outcome:
     held: bool
     motion: Mapping[str, float | None]
     fingers: int
+    catchable: float
     waited_s: float
     withdrawn: float
     link_on_object_n: float
@@ -121,11 +125,13 @@ def grasp_outcome(
     begun = time[closing[0]] if len(closing) else time[-1]
     on_object, on_surroundings, on_hand = np.max([r.link_forces for r in records], axis=0).tolist()
     withdrawn = [sum(s <= 0 and s != ContactStatus.LOST for s in each) for each in statuses]
+    limits = [r.catch_certificate[0] for r in records if r.report[0] == GraspPhase.APPROACH]
     return Outcome(
         close_at=close_at,
         held=held,
         motion=motion,
         fingers=int(np.sum(state.active)),
+        catchable=float(np.mean(np.equal(limits, CatchLimit.NONE))) if limits else np.nan,
         waited_s=float(begun - close_at),
         withdrawn=float(np.mean(withdrawn)) if withdrawn else np.nan,
         link_on_object_n=on_object,

@@ -8,6 +8,7 @@ from pydrake.systems.framework import Context, DiagramBuilder, System
 
 from drake_pregrasp.arrays import TIME_ROUNDING
 from drake_pregrasp.diagrams.grasping_hand import GoalInputs
+from drake_pregrasp.grasping.catch_limits import CatchLimit
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
 from drake_pregrasp.grasping.held_criterion import SHAKE_END
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
@@ -18,7 +19,10 @@ from drake_pregrasp.studies.grasps.grasp_outcome import Outcome, Status, grasp_o
 from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
 
 _CLOSE_DELAY = 3  # Control ticks between a stationary hand's jump to the object and the closing.
-_LONGEST_GRASP = 8.0  # Seconds after the command until a grasp without a lift counts as failed.
+_LONGEST_GRASP = 8.0
+"""Seconds after the command until a grasp without a lift has failed.
+
+A wait for an object that the hand can meet does not count."""
 
 
 class GraspTrial:
@@ -109,13 +113,15 @@ class GraspTrial:
     def grasp(self, close_at: float) -> GraspState:
         """Closes the hand, simulates until the end of the shake or a failure, returns the state."""
         self.command(self.context, close_at)
-        phase, lasted = GraspPhase.TRACK, 0.0
+        phase, lasted, begun = GraspPhase.TRACK, 0.0, close_at
         while phase != GraspPhase.BACK_OFF and lasted < SHAKE_END - TIME_ROUNDING:
             self._advance()
             record = self.records[-1]
             phase, since, *_ = record.report
             lasted = record.time - since if phase == GraspPhase.HOLD else 0.0
-            if phase != GraspPhase.HOLD and record.time >= close_at + _LONGEST_GRASP:
+            if phase == GraspPhase.APPROACH and record.catch_certificate[0] == CatchLimit.NONE:
+                begun = record.time
+            if phase != GraspPhase.HOLD and record.time >= begun + _LONGEST_GRASP:
                 break
         controller = self.diagram.GetSubsystemByName("hand_controller")
         sequencer = controller.GetSubsystemByName("grasp_sequencer")
