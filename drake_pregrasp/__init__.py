@@ -71,6 +71,7 @@ from drake_pregrasp.systems.pose_estimator import PoseEstimator
 from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
 from drake_pregrasp.systems.safe_region_partitioner import SafeRegionPartitioner
 from drake_pregrasp.systems.sources import BodyPose
+from drake_pregrasp.systems.visible_share import VisibleShare
 from drake_pregrasp.version import __version__
 from drake_pregrasp.visualization.pregrasp_visualizer import PregraspVisualizer
 
@@ -146,6 +147,7 @@ __all__ = [
     "SectorReach",
     "SelectionInput",
     "TrackingStatus",
+    "VisibleShare",
     "WeightFunction",
     "__version__",
     "add_hand_model",

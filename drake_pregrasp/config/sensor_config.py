@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from drake_pregrasp.arrays import first_tick
+from drake_pregrasp.config.object_config import POINT
 from drake_pregrasp.config.validation import check_fields
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.fault_settings import (
@@ -24,8 +25,8 @@ _STD = {"at_least": 0, "at_most": 10}
 
 
 @dataclass
-class SensorConfig:
-    """Noise and faults of the simulated pose measurements."""
+class PoseErrors:
+    """Errors of measured poses."""
 
     # Standard deviation of the white noise of the position, per axis, in metres.
     position_std: float = field(default=0.0005, metadata=_STD | POSITION_NOISE)
@@ -36,6 +37,46 @@ class SensorConfig:
 
     # Faults of the measurements, besides the white noise.
     faults: MeasurementFaults = field(default_factory=MeasurementFaults)
+
+
+@dataclass
+class SensorConfig(PoseErrors):
+    """White noise and faults of measured poses."""
+
+
+@dataclass
+class Camera(PoseErrors):
+    """Errors of poses that a depth camera measures; the defaults are those of `see_and_grasp`."""
+
+    # Standard deviation of the white noise of the position across the ray, per axis, in metres.
+    position_std: float = field(default=0.0001, metadata=_STD | POSITION_NOISE)
+
+    # Standard deviation of the white noise of the orientation, as a rotation vector, per axis, in
+    # radians.
+    orientation_std: float = field(default=0.0017, metadata=_STD | ORIENTATION_NOISE)
+
+    # Rate (`sample_period`), latency (`delay`) and lasting errors (`position_bias`, `drift_std`) of
+    # the camera, and its faults.
+    faults: MeasurementFaults = field(
+        default_factory=lambda: MeasurementFaults(sample_period=0.05, delay=0.03)
+    )
+
+    # Position of the camera in W, in metres.
+    position: list[float] = field(default_factory=lambda: [0.45, -0.45, 0.45], metadata=POINT)
+
+    # Standard deviation of the white noise along the ray from the camera to the object, in metres.
+    ray_std: float = field(default=0.0001, metadata=_STD | POSITION_NOISE)
+
+    # Least share that is visible of the surface facing the camera; the object is not measured while
+    # the hand and other bodies hide more.
+    least_visible: float = field(default=0.05, metadata={"at_least": 0, "at_most": 1})
+
+    # Seconds for which the object is still not measured once it is visible again.
+    registration_gap: float = field(default=0.0, metadata={"at_least": 0, "at_most": 100})
+
+
+AnySensorConfig = SensorConfig | Camera
+"""Configuration of a sensor of poses; without a tag it is the first one."""
 
 
 def check_faults(faults: MeasurementFaults, period: float) -> None:

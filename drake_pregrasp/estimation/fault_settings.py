@@ -25,6 +25,7 @@ class FaultChannel(IntEnum):
     FREEZING = 5
     NAN = 6
     DEPTH = 7
+    DRIFT = 8
 
 
 def fault_generator(seed: int, tick: int, channel: FaultChannel) -> np.random.Generator:
@@ -122,6 +123,12 @@ class MeasurementFaults:
     # Constant error of the position, along the axes of W, in metres.
     position_bias: list[float] = field(default_factory=_zeros, metadata=_VECTOR)
 
+    # Standard deviation of an error of the position that drifts, along each axis of W, in metres.
+    drift_std: float = field(default=0.0, metadata={"at_least": 0, "at_most": 10})
+
+    # Time constant of the drift, a Gauss-Markov process, in seconds.
+    drift_time: float = field(default=5.0, metadata={"at_least": 0.01, "at_most": 1e6})
+
     # Constant error of the orientation: a rotation vector in W, of at most half a turn, in radians.
     orientation_bias: list[float] = field(default_factory=_zeros, metadata=_ANGLES)
 
@@ -187,6 +194,7 @@ class MeasurementFaults:
             (
                 self.noise_factor != 1,
                 *self.position_bias,
+                self.drift_std,
                 *self.orientation_bias,
                 self.degrees_of_freedom,
                 self.outlier_probability,

@@ -21,28 +21,31 @@ from drake_pregrasp.geometry.rotations import rotation_matrix
 
 def faulty_disturbance(
     noise: FloatArray,
-    position_std: float,
+    position_scale: float | FloatArray,
     orientation_std: float,
     faults: MeasurementFaults,
     *,
     tick: int,
+    period: float,
     seed: int,
 ) -> tuple[FloatArray, FloatArray]:
     """Returns the offset, shape (3,), and the turn, shape (3, 3), of a measurement with faults.
 
     The measured pose M of the object O is p_WM = p_WO + offset, R_WM = turn R_WO. With the scaled
-    noise n, bias b, an outlier o, and the same for the orientation,
+    noise n, bias b, drift d, an outlier o, and the same for the orientation without a drift,
 
-        offset = position_std n + b + o,  turn = Exp(o_R) Exp(orientation_std n_R) Exp(b_R).
+        offset = S n + b + d + o,  turn = Exp(o_R) Exp(orientation_std n_R) Exp(b_R).
 
     An invalid measurement is NaN in all its numbers.
 
     Args:
         noise: Standard normal numbers, shape (6,), three each for position and orientation.
-        position_std: Standard deviation per axis, or the scale of Student's t, in metres.
+        position_scale: Scale S of the noise or of Student's t: a standard deviation, or a matrix of
+            shape (3, 3), in metres.
         orientation_std: The same for the orientation's rotation vector, in radians.
         faults: Faults that act; `next_memory` applies those that concern time.
         tick: Index of the planning tick.
+        period: Seconds between ticks.
         seed: Seed of the random numbers.
     """
     # A generator takes longer to make than the rest.
@@ -57,7 +60,9 @@ def faulty_disturbance(
         squares = tails.chisquare(faults.degrees_of_freedom, size=2)
         noise = noise / np.repeat(np.sqrt(squares / faults.degrees_of_freedom), 3)
     noise = faults.noise_factor * noise
-    offset = position_std * noise[:3] + np.asarray(faults.position_bias)
+    offset = np.dot(position_scale, noise[:3]) + np.asarray(faults.position_bias)
+    if faults.drift_std:
+        offset = offset + faults.drift_std * drift(tick * period / faults.drift_time, seed)
     turn = rotation_matrix(orientation_std * noise[3:])
     turn = turn @ rotation_matrix(np.asarray(faults.orientation_bias, dtype=float))
     chance = faults.outlier_probability
@@ -66,6 +71,26 @@ def faulty_disturbance(
         offset = offset + faults.outlier_position * _direction(outliers)
         turn = rotation_matrix(faults.outlier_orientation * _direction(outliers)) @ turn
     return offset, turn
+
+
+_WAVES = 64  # Waves of a drift along each axis.
+
+
+def drift(time: float, seed: int) -> FloatArray:
+    """Returns independent Gauss-Markov processes of unit variance at a time, shape (3,).
+
+    Each is a sum of waves with random phases. As their frequencies have Cauchy's distribution, its
+    covariance over a lag s is exp(-|s|) in the mean over seeds, and nothing is remembered from tick
+    to tick (Shinozuka & Jan, "Digital simulation of random processes and its applications", 1972).
+
+    Args:
+        time: Time in units of the time constant.
+        seed: Seed of the random numbers.
+    """
+    generator = fault_generator(seed, 0, FaultChannel.DRIFT)
+    frequencies = generator.standard_cauchy((3, _WAVES))
+    phases = generator.uniform(0, 2 * np.pi, (3, _WAVES))
+    return np.asarray(np.sqrt(2 / _WAVES) * np.cos(frequencies * time + phases).sum(axis=1))
 
 
 def _direction(generator: np.random.Generator) -> FloatArray:
@@ -160,6 +185,7 @@ def next_memory(
     faults: MeasurementFaults,
     period: float,
     seed: int,
+    hidden: int = 0,
 ) -> SensorMemory:
     """Returns the state of the sensor after a tick.
 
@@ -181,10 +207,14 @@ def next_memory(
         faults: Faults of the sensor.
         period: Seconds between ticks.
         seed: Seed of the random numbers.
+        hidden: Number of ticks, from this one on, at which the object is not measured because
+            something hides it now.
     """
     if memory.tick >= tick:
         memory = SensorMemory.empty(faults, period)
     memory = _with_bursts(memory, tick, faults, period, seed)
+    if hidden:
+        memory = replace(memory, occluded_until=max(memory.occluded_until, tick + hidden))
     taken, acts = is_taken(tick, faults, period), faults.act_at(tick, period)
     frozen = memory.frozen if memory.is_frozen and memory.tick == tick - 1 else None
     if not (acts and tick < memory.frozen_until):

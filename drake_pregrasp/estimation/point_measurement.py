@@ -13,7 +13,7 @@ from drake_pregrasp.estimation.pose_belief import (
     PoseMeasurement,
 )
 from drake_pregrasp.estimation.pose_filter import predicted_mean
-from drake_pregrasp.estimation.registration import register_pose
+from drake_pregrasp.estimation.registration import AS_WELL, register_pose
 from drake_pregrasp.estimation.surface_alignment import (
     Alignment,
     SurfacePoints,
@@ -47,22 +47,27 @@ class SeenObject:
     rests_on_table: bool
     align: Callable[..., Alignment] = align_pose
 
-    def measured(self, p_WQ: FloatArray, time: float, belief: PoseBelief | None) -> PoseMeasurement:
+    def measured(
+        self, p_WQ: FloatArray, time: float, belief: PoseBelief | None, *, is_followed: bool = True
+    ) -> PoseMeasurement:
         """Returns the part of a pose that points measure, or no measurement if too few fit.
 
         Args:
             p_WQ: The points in W, shape (N, 3), in metres.
             time: Their time, in seconds.
-            belief: Belief of one model from before that time; None if there is none to follow.
+            belief: Belief of one model from before that time; None if there is none.
+            is_followed: Whether the belief is followed. Otherwise the pose is registered anew, and
+                the prediction counts only if it fits as well.
         """
-        least, grid = float(self.fewest), self.solid.surface
+        least = float(self.fewest)
         std = np.sqrt(np.repeat(self.noise.variances, 3))
         if len(p_WQ) < least:
             return NO_MEASUREMENT
-        if belief is None:
+        found = None if belief is None else self._followed(p_WQ, time, belief, std)
+        if found is None or not is_followed:
             least = max(least, _REGISTERED * len(p_WQ))
-            found = register_pose(
-                grid,
+            registered = register_pose(
+                self.solid.surface,
                 self.solid.corners,
                 p_WQ,
                 std,
@@ -71,14 +76,20 @@ class SeenObject:
                 offset_std=self.noise.bias,
                 align=self.align,
             )
-        else:
-            dt = max(0.0, time - belief.time)
-            R_WO, p_WCoM, _ = predicted_mean(belief, dt, self.noise.gravity)
-            p_WO = p_WCoM - R_WO @ self.p_OCoM
-            if belief.b_W.size:
-                p_WO = p_WO + belief.b_W[0]
-            points = SurfacePoints.seen(p_WQ, self.point_std)
-            found = self.align(grid, points, R_WO, p_WO, std)
+            if found is None or not found.fits > registered.fits - AS_WELL * len(p_WQ):
+                found = registered
         if not (found.fits >= least and np.isfinite(found.p_WO).all()):
             return NO_MEASUREMENT
         return measured_part(time, found, std)
+
+    def _followed(
+        self, p_WQ: FloatArray, time: float, belief: PoseBelief, std: FloatArray
+    ) -> Alignment:
+        """Returns the alignment that starts from the prediction of a belief."""
+        dt = max(0.0, time - belief.time)
+        R_WO, p_WCoM, _ = predicted_mean(belief, dt, self.noise.gravity)
+        p_WO = p_WCoM - R_WO @ self.p_OCoM
+        if belief.b_W.size:
+            p_WO = p_WO + belief.b_W[0]
+        points = SurfacePoints.seen(p_WQ, self.point_std)
+        return self.align(self.solid.surface, points, R_WO, p_WO, std)

@@ -19,11 +19,13 @@ from drake_pregrasp.geometry.rotations import rotation_matrix
 STARTS = 512
 """Number of orientations to start from: each rotation is within about 30 degrees of one."""
 
+AS_WELL = 0.002
+"""Share of the points by which poses that fit as well differ."""
+
 _FEW = 80  # Points of the first steps.
 _COARSE = (0.03, 0.03, 0.02, 0.02, 0.015)  # Scales of the first steps, in metres.
 _FINALISTS = 24  # Best starts, which are aligned to all points.
 _YAWS, _UPRIGHT = 24, 6  # Turns about one axis, and finalists of the upright ones.
-_AS_WELL = 0.002  # Share of the points by which poses that fit as well differ.
 _LIFTED = 3.0  # Standard deviations of a height that the table does not contradict.
 _SHIFTED = 8  # Best ends that are shifted.
 _ENDS = 2  # Passes over the scales of an alignment.
@@ -97,7 +99,7 @@ def register_pose(
     for turn in _turns(axis):
         add(turn @ end.R_WO, p_WA + turn @ (end.p_WO - p_WA))
     shift(1)
-    least = min(misfit for misfit, _ in ends) + _AS_WELL
+    least = min(misfit for misfit, _ in ends) + AS_WELL
     equal = [end for misfit, end in ends if misfit <= least]
     return max(equal, key=lambda end: float(np.trace(end.R_WO)))
 

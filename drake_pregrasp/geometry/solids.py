@@ -5,10 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_pregrasp.arrays import FloatArray, norms, set_arrays
+from drake_pregrasp.arrays import BoolArray, FloatArray, norms, set_arrays
 from drake_pregrasp.errors import InvalidArgumentError
 
 _I = np.eye(3)
+_ALONG = 1e-12  # In place of zero, so that a line parallel to faces divides by no zero.
 _HALF = [-np.inf] * 3 + [np.inf] * 2 + [0.0, 0.0]  # Bounds and radius of a half-space's box.
 
 
@@ -257,6 +258,37 @@ def nearest_solids(rows: FloatArray, p_FP: FloatArray) -> tuple[FloatArray, Floa
     np.negative(toward, out=toward, where=above < below)
     distances = lengths + np.minimum(np.maximum.reduce(beyond, axis=2), 0) - rows[:, 18:19]
     return distances, toward @ R_FB.transpose(0, 2, 1)
+
+
+def is_hidden(
+    p_FP: FloatArray,
+    p_FQ: FloatArray,
+    X_FB: FloatArray,
+    half_widths: FloatArray,
+    is_ball: BoolArray,
+) -> BoolArray:
+    """Returns which points a box or a ball hides from another point, shape (k,).
+
+    Args:
+        p_FP: The other point in F, shape (3,), in metres.
+        p_FQ: The points in F, shape (k, 3), in metres.
+        X_FB: Poses of boxes, whose middle is Bo, shape (b, 3, 4).
+        half_widths: Half widths of the boxes along the axes of B, shape (b, 3), in metres.
+        is_ball: Whether the ball in a box counts instead of the box, shape (b,).
+    """
+    R_FB, p_FB = X_FB[:, :, :3], X_FB[:, :, 3]
+    start = np.einsum("bij,bi->bj", R_FB, p_FP - p_FB)[:, None]
+    along = np.einsum("bij,ki->bkj", R_FB, p_FQ - p_FP)
+    along = np.where(along == 0, _ALONG, along)
+    # Shares of a ray at which it passes the planes of each pair of faces (slab method of Kay &
+    # Kajiya, "Ray tracing complex scenes", 1986).
+    one, other = ((side * half_widths[:, None] - start) / along for side in (-1, 1))
+    enters = np.maximum.reduce(np.minimum(one, other), axis=2)
+    leaves = np.minimum.reduce(np.maximum(one, other), axis=2)
+    crosses = (enters < leaves) & (leaves > 0) & (enters < 1)
+    nearest = -np.einsum("bkj,bkj->bk", start, along) / np.einsum("bkj,bkj->bk", along, along)
+    gaps = norms(start + np.clip(nearest, 0, 1)[..., None] * along) - half_widths[:, :1]
+    return np.asarray(np.where(is_ball[:, None], gaps < 0, crosses).any(axis=0))
 
 
 def _row(

@@ -10,7 +10,7 @@ from drake_pregrasp.config.camera_config import DepthSensorConfig
 from drake_pregrasp.config.finger_config import CapabilityProfile, DamageEvent
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.planner_config import MeasuresConfig, PlannerConfig
-from drake_pregrasp.config.sensor_config import SensorConfig
+from drake_pregrasp.config.sensor_config import AnySensorConfig, SensorConfig
 from drake_pregrasp.config.surface_config import SurfaceConfig
 from drake_pregrasp.diagrams.object_plant import DRAKE, ENGINES
 from drake_pregrasp.simulation.hand_file import HandConfig, HandFile, HandFrame
@@ -75,7 +75,7 @@ class Scenario:
 
     object: object_config.ObjectConfig = field(default_factory=object_config.Box)
     motion: object_config.MotionConfig = field(default_factory=object_config.Conveyor)
-    sensor: SensorConfig = field(default_factory=SensorConfig)
+    sensor: AnySensorConfig = field(default_factory=SensorConfig)
 
     # Depth cameras in the scene, which take the place of the pose sensor.
     depth_sensor: DepthSensorConfig = field(default_factory=DepthSensorConfig)

@@ -8,6 +8,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
+from drake_pregrasp.config.sensor_config import Camera
 from drake_pregrasp.diagrams.depth_sensor import DepthSensor
 from drake_pregrasp.diagrams.grasping_hand import GoalSource, GraspingHand, add_grasping_hand
 from drake_pregrasp.diagrams.hand_controller import HandController
@@ -30,6 +31,7 @@ from drake_pregrasp.systems.sources import (
     HandFramePose,
     MovingObstacles,
 )
+from drake_pregrasp.systems.visible_share import VisibleShare
 from drake_pregrasp.visualization.obstacle_visualizer import ObstacleVisualizer
 from drake_pregrasp.visualization.point_visualizer import PointVisualizer
 
@@ -286,6 +288,12 @@ def _add_sensor(
     builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))
     connect(builder, plant, "X_WO", sensor)
     connect(builder, sensor, "X_WO_measured measurement_time", planner)
+    if isinstance(camera := resolved.scenario.sensor, Camera):
+        inspector = plant.scene_graph.model_inspector()
+        visible = VisibleShare(np.array(camera.position), resolved.surface.mesh, inspector)
+        builder.AddNamedSystem("visible_share", visible)
+        connect(builder, plant, "X_WO query_object", visible)
+        connect(builder, visible, "visible_share", sensor)
     return sensor
 
 

@@ -288,7 +288,7 @@ def _measurements(
     for tick, time in enumerate(times.tolist()):
         at = {"tick": tick, "seed": job.seed}
         stds = sensor.position_std, sensor.orientation_std
-        offset, turn = faulty_disturbance(noise[tick], *stds, faults, **at)
+        offset, turn = faulty_disturbance(noise[tick], *stds, faults, period=period, **at)
         R = turn @ R_WO[tick] @ (half_turn if flips[tick] else np.eye(3))
         pose = np.append(R.ravel(), p_WO[tick] + offset)
         memory = next_memory(memory, pose, time=time, faults=faults, period=period, **at)

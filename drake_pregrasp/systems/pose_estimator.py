@@ -308,10 +308,10 @@ class PoseEstimator(LeafSystem):
             return NO_MEASUREMENT
         if self._seen_object is None:
             raise InvalidArgumentError("port point_cloud needs the argument object_solid")
-        is_followed = self._status(track, now) in FOLLOWED
-        belief = self._merged(track.before(measured_at)) if is_followed else None
+        before, is_followed = track.before(measured_at), self._status(track, now) in FOLLOWED
+        belief = self._merged(before) if before.time > -np.inf else None
         p_WQ = points_in(self._point_cloud.Eval(context))
-        return self._seen_object.measured(p_WQ, measured_at, belief)
+        return self._seen_object.measured(p_WQ, measured_at, belief, is_followed=is_followed)
 
     def _status(self, track: PoseTrack, time: float) -> TrackingStatus:
         config = self._config

@@ -1,5 +1,7 @@
 """Noisy and possibly faulty measurements of the object's pose, and the noise that they use."""
 
+import math
+
 import numpy as np
 from pydrake.common import RandomDistribution
 from pydrake.math import RigidTransform, RotationMatrix
@@ -14,8 +16,13 @@ from pydrake.systems.framework import (
     PortDataType,
 )
 
-from drake_pregrasp.arrays import FloatArray, are_valid, pack, tick_index, unpacker
-from drake_pregrasp.config.sensor_config import SensorConfig, check_faults
+from drake_pregrasp.arrays import FloatArray, are_valid, first_tick, pack, tick_index, unpacker
+from drake_pregrasp.config.sensor_config import (
+    AnySensorConfig,
+    Camera,
+    SensorConfig,
+    check_faults,
+)
 from drake_pregrasp.config.validation import checked
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation import measurement_faults
@@ -24,6 +31,8 @@ from drake_pregrasp.systems.ports import POSE, Source, declare_cache, declare_ou
 
 MAX_SEED = 2**53
 """Largest seed: a numeric parameter is a float, which holds every integer up to this one."""
+
+_NEAREST = 1e-9  # In place of a distance of zero to the camera, in metres.
 
 
 def declare_seed(system: LeafSystem, seed: int) -> tuple[NumericParameterIndex, DependencyTicket]:
@@ -91,6 +100,7 @@ class NoisyPoseSensor(LeafSystem):
         input_ports:
         - X_WO
         - noise
+        - visible_share
         output_ports:
         - X_WO_measured
         - measurement_time
@@ -101,9 +111,14 @@ class NoisyPoseSensor(LeafSystem):
     for the orientation. It is a random input of Drake; `NoiseSource` is the recommended source. If
     the noise is not finite, the measured pose is NaN.
 
+    Port `visible_share` (optional, only with a `Camera`) accepts a vector of 1, as `VisibleShare`
+    emits it. While it is below `least_visible`, and for `registration_gap` after that, nothing is
+    measured.
+
     Port `X_WO_measured` emits a `RigidTransform`: the pose in W of the measured frame M, with
     p_WM = p_WO + position_std * noise[:3] and R_WM = Exp(orientation_std * noise[3:]) R_WO, changed
-    by the faults (`faulty_disturbance`). It is the measurement that arrived last, and NaN before
+    by the faults (`faulty_disturbance`). For a `Camera`, the noise along the ray to the object has
+    `ray_std` instead. It is the measurement that arrived last, and NaN before
     the first one arrives.
 
     Port `measurement_time` emits a vector of 1: the time at which the pose at `X_WO_measured` was
@@ -111,16 +126,16 @@ class NoisyPoseSensor(LeafSystem):
     the time does not change, and receivers know that there is nothing new.
 
     Faults are a pure function of the seed and the tick, so a Context that is set back or copied
-    repeats them. The seed is the numeric parameter 0 of the Context. Faults that concern time
-    (dropouts, delay, jitter, freezing, a sample period) need discrete state: the sensor then
-    measures at ticks only and holds each measurement until the next one. Without such faults the
+    repeats them. The seed is the numeric parameter 0 of the Context. A camera, and faults that
+    concern time (dropouts, delay, jitter, freezing, a sample period), need discrete state: the
+    sensor then measures at ticks only and holds each measurement until the next one. Otherwise the
     sensor has no state, the measured pose follows the true pose continuously, and its time is the
     Context's. In both cases the outputs at a tick are the same before and after the discrete
     update.
 
     Args:
-        config: Noise and faults; `SensorConfig()` by default.
-        period: Seconds between ticks, greater than zero; only faults need it.
+        config: Noise and faults, or a `Camera`; `SensorConfig()` by default.
+        period: Seconds between ticks, greater than zero; only faults and cameras need it.
         seed: Default of the faults' seed, an integer from 0 to 2**53.
 
     Raises:
@@ -131,21 +146,25 @@ class NoisyPoseSensor(LeafSystem):
 
     def __init__(
         self,
-        config: SensorConfig | None = None,
+        config: AnySensorConfig | None = None,
         *,
         period: float | None = None,
         seed: int = 0,
     ) -> None:
         super().__init__()
         config = checked(config or SensorConfig())
-        self._stds = config.position_std, config.orientation_std
-        self._faults = config.faults if config.faults.are_any else None
+        self._stds: tuple[float | FloatArray, float] = config.position_std, config.orientation_std
+        self._camera = config if isinstance(config, Camera) else None
+        self._faults = config.faults if config.faults.are_any or self._camera else None
         self._X_WO = self.DeclareAbstractInputPort("X_WO", POSE)
         self._noise = self.DeclareInputPort(
             "noise", PortDataType.kVectorValued, self.NOISE_SIZE, RandomDistribution.kGaussian
         )
         time = self.time_ticket()
         sources: list[Source] = [self._X_WO, self._noise]
+        if self._camera is not None:
+            self._visible = self.DeclareVectorInputPort("visible_share", 1)
+            sources.append(self._visible)
         if self._faults is not None:
             if period is None or not period > 0:
                 raise InvalidArgumentError(f"faults need a period greater than 0 s, not {period}")
@@ -153,7 +172,7 @@ class NoisyPoseSensor(LeafSystem):
             self._period = period
             self._seed, seed_ticket = declare_seed(self, seed)
             sources += [time, seed_ticket]
-        if self._faults is None or not self._faults.need_memory:
+        if self._faults is None or not (self._faults.need_memory or self._camera):
             declare_output(self, "X_WO_measured", POSE, self._measure, *sources)
             declare_output(self, "measurement_time", 1, Context.get_time, time)
             return
@@ -181,18 +200,35 @@ class NoisyPoseSensor(LeafSystem):
         noise: FloatArray = self._noise.Eval(context)
         if not are_valid(noise):
             noise = np.full_like(noise, np.nan)
-        position_std, orientation_std = self._stds
-        offset = position_std * noise[:3]
+        scale, orientation_std = self._stds
+        if self._camera is not None:
+            scale = _scale(self._camera, X_WO.translation())
+        offset = np.dot(scale, noise[:3])
         turn = rotation_matrix(orientation_std * noise[3:])
         if self._faults is not None:
             tick = tick_index(context.get_time(), self._period)
             if self._faults.act_at(tick, self._period):
                 seed = int(context.get_numeric_parameter(self._seed)[0])
                 offset, turn = measurement_faults.faulty_disturbance(
-                    noise, *self._stds, self._faults, tick=tick, seed=seed
+                    noise,
+                    scale,
+                    orientation_std,
+                    self._faults,
+                    tick=tick,
+                    period=self._period,
+                    seed=seed,
                 )
         R_WM = RotationMatrix.MakeUnchecked(turn @ X_WO.rotation().matrix())
         return RigidTransform(R_WM, X_WO.translation() + offset)
+
+    def _hidden(self, context: Context) -> int:
+        """Returns the number of ticks at which a hidden object is not measured, from now on."""
+        camera = self._camera
+        if camera is None or not self._visible.HasValue(context):
+            return 0
+        if self._visible.Eval(context)[0] >= camera.least_visible:
+            return 0
+        return 1 + first_tick(camera.registration_gap, self._period)
 
     def _calc_memory(self, context: Context) -> measurement_faults.SensorMemory:
         assert self._faults is not None
@@ -208,8 +244,18 @@ class NoisyPoseSensor(LeafSystem):
                 faults=self._faults,
                 period=self._period,
                 seed=int(context.get_numeric_parameter(self._seed)[0]),
+                hidden=self._hidden(context),
             )
         return memory
 
     def _store_memory(self, context: Context, discrete_state: DiscreteValues) -> None:
         discrete_state.set_value(self._state, pack(self._memory.Eval(context)))
+
+
+def _scale(camera: Camera, p_WO: FloatArray) -> FloatArray:
+    """Returns the scale of the position's noise for `faulty_disturbance`, shape (3, 3)."""
+    ray = p_WO - camera.position
+    ray /= max(math.hypot(*ray), _NEAREST)
+    across = camera.position_std
+    scale: FloatArray = across * np.eye(3) + (camera.ray_std - across) * np.outer(ray, ray)
+    return scale

@@ -4,10 +4,11 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest, kstest, norm, t
 
 from drake_pregrasp import MeasurementFaults
-from drake_pregrasp.estimation.measurement_faults import faulty_disturbance
+from drake_pregrasp.estimation.measurement_faults import drift, faulty_disturbance
 from drake_pregrasp.geometry.rotations import rotation_vector
 
 TICKS = 2000
+T = 0.05
 STD = (0.01, 0.02)
 NORMAL = np.random.default_rng(1).standard_normal((TICKS, 6))
 SILENT = np.zeros((TICKS, 6))
@@ -16,7 +17,9 @@ SURE = 1e-4  # Of a test that a right model fails: seeds are fixed, so it never 
 
 def disturbances(faults, noise=NORMAL, std=STD):
     """Returns offsets and rotation vectors, shapes (k, 3)."""
-    found = [faulty_disturbance(n, *std, faults, tick=k, seed=0) for k, n in enumerate(noise)]
+    found = [
+        faulty_disturbance(n, *std, faults, tick=k, period=T, seed=0) for k, n in enumerate(noise)
+    ]
     return np.array([p for p, _ in found]), np.array([rotation_vector(turn) for _, turn in found])
 
 
@@ -91,9 +94,29 @@ def test_more_outliers_are_the_same_ones_and_others():
 
 def test_nan_measurements_are_nan_throughout_and_have_the_set_probability():
     found = [
-        faulty_disturbance(n, *STD, MeasurementFaults(nan_probability=0.2), tick=k, seed=0)
+        faulty_disturbance(
+            n, *STD, MeasurementFaults(nan_probability=0.2), tick=k, period=T, seed=0
+        )
         for k, n in enumerate(NORMAL)
     ]
     bad = np.array([np.append(offset, turn) for offset, turn in found])
     np.testing.assert_array_equal(np.any(np.isnan(bad), axis=1), np.all(np.isnan(bad), axis=1))
     assert binomtest(int(np.sum(np.isnan(bad[:, 0]))), TICKS, 0.2).pvalue > SURE
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.5, 2.0])
+def test_a_drift_is_gauss_markov(lag):
+    """Over seeds, its numbers are nearly normal with the covariance exp(-lag); axes differ."""
+    count = 4000
+    first = np.array([drift(7.3, seed) for seed in range(count)])
+    later = np.array([drift(7.3 + lag, seed) for seed in range(count)])
+    np.testing.assert_allclose(first.T @ later / count, np.exp(-lag) * np.eye(3), atol=0.06)
+    assert all(kstest(axis, norm.cdf).pvalue > SURE for axis in first.T)
+
+
+def test_a_drift_adds_to_the_position_and_keeps_its_pace():
+    faults = MeasurementFaults(drift_std=0.02, drift_time=4.0)
+    offsets, vectors = disturbances(faults, SILENT)
+    expected = [0.02 * drift(k * T / 4.0, 0) for k in range(TICKS)]
+    np.testing.assert_allclose(offsets, expected, atol=1e-15)
+    assert not vectors.any()

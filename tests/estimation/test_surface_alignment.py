@@ -189,3 +189,23 @@ def test_the_turn_of_a_mug_is_uncertain_while_its_handle_is_hidden(cameras, is_s
     std = np.sqrt(axis @ first_belief(found, scene.seen.noise).P[0, :3, :3] @ axis)
     assert (std < 0.02) if is_seen else (std > np.pi)
     assert (scene.off(X_WO, found.R_WO, found.p_WO) < 3e-3) == is_seen
+
+
+@pytest.mark.slow
+def test_after_a_loss_the_prediction_counts_if_it_fits_as_well():
+    """The first points to be seen again, on one edge, fit many poses; all points only the true."""
+    scene, rng = Scene("carton"), np.random.default_rng(4)
+    X_WO = scene.resting(rng)
+    p_WQ = scene.points(X_WO, 3)
+    edge = p_WQ[p_WQ[:, 0] > np.quantile(p_WQ[:, 0], 0.85)]
+    known = PoseMeasurement(0.0, X_WO.translation(), X_WO.rotation().matrix())
+    turned = replace(known, R_WO=Rotation.from_rotvec([0, 0, 1.3]).as_matrix() @ known.R_WO)
+
+    def off(points, belief):
+        found = scene.seen.measured(points, 0.1, belief, is_followed=False)
+        return scene.off(X_WO, found.R_WO, found.p_WO)
+
+    beliefs = [first_belief(m, scene.seen.noise, scene.seen.p_OCoM) for m in (known, turned)]
+    assert off(edge, None) > 3e-3
+    assert off(edge, beliefs[0]) < 3e-3
+    assert off(p_WQ, beliefs[1]) < 3e-3

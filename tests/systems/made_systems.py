@@ -12,7 +12,7 @@ from selections import regions_of
 import drake_pregrasp as dp
 from drake_pregrasp.config.hand_description import Fingertip
 from drake_pregrasp.config.planner_config import MeasuresConfig
-from drake_pregrasp.config.sensor_config import SensorConfig
+from drake_pregrasp.config.sensor_config import Camera, SensorConfig
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams.palm_meeting import meeting_settings
 from drake_pregrasp.fast import default_kernels
@@ -185,6 +185,7 @@ MEASURES = MeasuresConfig(contact_model="hard_finger")
 MAKERS = {
     "sensor": lambda: dp.NoisyPoseSensor(SensorConfig(0.1, 0.1)),
     "sensor with memory": lambda: dp.NoisyPoseSensor(SensorConfig(0.1, 0.1, FAULTS), period=0.1),
+    "sensor of a camera": lambda: dp.NoisyPoseSensor(Camera(0.1, 0.1, FAULTS), period=0.1),
     "estimator": make_estimator,
     "estimator of points": lambda: make_estimator(
         object_solid=MeshSolid.of(SURFACE.mesh), tip_radii=np.full(N, 0.028), bias_std=0.01
@@ -236,6 +237,7 @@ VALUES = {
     "point_cloud": (cloud(in_world(SURFACE.p_OQ)), cloud((X_G @ TURNED @ SURFACE.p_OQ.T).T)),
     "command": (grasp_command(X_G), grasp_command(X_G @ TURNED, V_WG=FAST)),
     "noise": (np.zeros(6), np.ones(6)),
+    "visible_share": ([1.0], [0.0]),
     "measurement_time": ([0.0], [-np.inf]),
     "p_WO_covariance": (1e-6 * np.eye(3).ravel(), 1e-2 * np.eye(3).ravel()),
     "tracking_status": ([dp.TrackingStatus.TRACKING], [dp.TrackingStatus.LOST]),

@@ -27,6 +27,7 @@ SYSTEMS = MAKERS | {"planner": lambda: dp.PregraspPlanner(planner_config(), SURF
 PASSED_ON = {
     "sensor": {"X_WO_measured"},  # A broken measurement is one that the estimator refuses.
     "sensor with memory": {"X_WO_measured", "measurement_time"},
+    "sensor of a camera": {"X_WO_measured", "measurement_time"},
     "hand pose": {"X_WH"},
     "fingertip sensor": {"p_WT", "f_T_W", "J_WT"},  # Nothing is known where the joints are not.
     "interception": {"approach", "catch_certificate"},  # Without a meeting, its time is unknown.

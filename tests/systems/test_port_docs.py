@@ -32,8 +32,12 @@ from drake_pregrasp.studies.grasps.baseline_goals import (
 from drake_pregrasp.systems.mujoco_plant import MujocoPlant
 
 CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)))
-SCENARIOS = ("toss", "pose_stream", "reach", "passing_ball", "see_and_grasp", "catch_handed_over")
-"""Scenarios whose diagrams hold all systems but those of studies and arms."""
+SCENARIOS = (
+    *("toss", "pose_stream", "reach", "passing_ball", "see_and_grasp", "catch_handed_over"),
+    "see_by_profile",
+)
+"""Scenarios whose diagrams hold all systems but those of studies and arms; the last sensor of poses
+has all ports."""
 
 
 def all_parts(system):

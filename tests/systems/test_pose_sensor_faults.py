@@ -6,7 +6,7 @@ from driven import Driven
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from drake_pregrasp import InvalidArgumentError, MeasurementFaults, NoisyPoseSensor
-from drake_pregrasp.config.sensor_config import SensorConfig
+from drake_pregrasp.config.sensor_config import Camera, SensorConfig
 from drake_pregrasp.geometry.rotations import rotation_matrix
 
 T = 0.05
@@ -191,3 +191,40 @@ def test_outputs_follow_a_state_that_is_changed():
     assert sensor.numbers()[-1] == pytest.approx(5 * T)
     sensor.context.SetDiscreteState(0, empty)
     assert sensor.numbers()[-1] == -np.inf
+
+
+class SeenSensor(Sensor):
+    """A sensor with the errors of a camera."""
+
+    def __init__(self, **settings):
+        camera = Camera(*STDS, NO_FAULTS, position=[0.5, -0.5, 0.5], **settings)
+        Driven.__init__(self, NoisyPoseSensor(camera, period=T, seed=3))
+
+
+def test_a_camera_has_its_own_noise_along_the_ray():
+    p_WO = true_pose(0).translation()
+    ray = (p_WO - [0.5, -0.5, 0.5]) / np.linalg.norm(p_WO - [0.5, -0.5, 0.5])
+    for ray_std in (0.0, STDS[0], 0.07):
+        sensor = SeenSensor(ray_std=ray_std)
+        offsets = []
+        for tick in range(20):
+            sensor.at_tick(tick, true_pose(0))
+            offsets.append(sensor.eval("X_WO_measured").translation() - p_WO)
+        along, white = offsets @ ray, STDS[0] * NOISE[:20, :3]
+        np.testing.assert_allclose(along, ray_std * NOISE[:20, :3] @ ray, atol=1e-12)
+        across = np.array(offsets) - np.outer(along, ray)
+        np.testing.assert_allclose(across, white - np.outer(white @ ray, ray), atol=1e-12)
+
+
+@pytest.mark.parametrize(("gap", "missed"), [(0.0, 0), (0.1, 2), (0.12, 3)])
+def test_what_a_camera_does_not_see_it_does_not_measure_nor_for_a_while_after(gap, missed):
+    sensor = SeenSensor(least_visible=0.3, registration_gap=gap)
+    times = []
+    for tick in range(12):
+        sensor.fix(visible_share=[0.29 if 3 <= tick < 6 else 0.3])
+        sensor.at_tick(tick)
+        times.append(sensor.array("measurement_time")[0])
+        sensor.update()
+    seen = [tick for tick in range(12) if not 3 <= tick < 6 + missed]
+    expected = [T * max(s for s in seen if s <= tick) for tick in range(12)]
+    np.testing.assert_allclose(times, expected)

@@ -1,0 +1,84 @@
+"""Share of an object's surface that a camera sees past other bodies."""
+
+import numpy as np
+import trimesh
+from pydrake.common.value import AbstractValue
+from pydrake.geometry import HalfSpace, QueryObject, Role, SceneGraphInspector, Sphere
+from pydrake.systems.framework import Context, LeafSystem
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.geometry.solids import is_hidden
+from drake_pregrasp.systems.ports import POSE, declare_output
+
+_POINTS = 600  # Points on the surface, randomly chosen.
+
+
+class VisibleShare(LeafSystem):
+    """Tells how much of an object a camera sees.
+
+    .. pydrake_system::
+
+        name: VisibleShare
+        input_ports:
+        - X_WO
+        - query_object
+        output_ports:
+        - visible_share
+
+    Port `X_WO` accepts a `RigidTransform`: the pose of the object.
+
+    Port `query_object` accepts SceneGraph's `QueryObject`.
+
+    Port `visible_share` emits a vector of 1: of points on the surface whose normals face the
+    camera, the share that no other body hides; 0 if none faces it. Bodies hide what is behind the
+    balls, or the oriented bounding boxes of other geometries, with the perception role.
+
+    Args:
+        p_WC: Position of the camera in W, shape (3,), in metres.
+        mesh: Surface of the object in O.
+        inspector: Inspector of the SceneGraph, with all its geometries.
+        body: Name of the object's body.
+    """
+
+    def __init__(
+        self,
+        p_WC: FloatArray,
+        mesh: trimesh.Trimesh,
+        inspector: SceneGraphInspector,
+        *,
+        body: str = "object",
+    ) -> None:
+        super().__init__()
+        self._p_WC = np.asarray(p_WC)
+        self._p_OQ, faces = trimesh.sample.sample_surface(mesh, _POINTS, seed=0)
+        self._normals = mesh.face_normals[faces]
+        self._ids, shapes = [], []
+        for geometry in inspector.GetAllGeometryIds(Role.kPerception):
+            name, shape = (
+                inspector.GetName(inspector.GetFrameId(geometry)),
+                inspector.GetShape(geometry),
+            )
+            if name.split("::")[-1] != body and not isinstance(shape, HalfSpace):
+                self._ids.append(geometry)
+                shapes.append(shape)
+        boxes = [inspector.GetObbInGeometryFrame(geometry) for geometry in self._ids]
+        self._X_GB = [box.pose() for box in boxes]
+        self._half = np.array([box.half_width() for box in boxes]).reshape(-1, 3)
+        self._is_ball = np.array([isinstance(shape, Sphere) for shape in shapes], dtype=bool)
+        self._X_WO = self.DeclareAbstractInputPort("X_WO", POSE)
+        model = AbstractValue.Make(QueryObject())
+        self._query = self.DeclareAbstractInputPort("query_object", model)
+        declare_output(self, "visible_share", 1, self._calc_share, self._X_WO, self._query)
+
+    def _calc_share(self, context: Context) -> float:
+        X_WO, query = self._X_WO.Eval(context), self._query.Eval(context)
+        R_WO = X_WO.rotation().matrix()
+        p_WQ = self._p_OQ @ R_WO.T + X_WO.translation()
+        facing = np.einsum("ki,ki->k", self._p_WC - p_WQ, self._normals @ R_WO.T) > 0
+        if not facing.any():
+            return 0.0
+        poses = zip(self._ids, self._X_GB, strict=True)
+        X_WB = np.array([(query.GetPoseInWorld(id) @ X).GetAsMatrix34() for id, X in poses])
+        X_WB = X_WB.reshape(-1, 3, 4)
+        hidden = is_hidden(self._p_WC, p_WQ[facing], X_WB, self._half, self._is_ball)
+        return float(np.mean(~hidden))
