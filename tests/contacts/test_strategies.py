@@ -245,7 +245,7 @@ def test_invalid_settings_are_refused(name, options, problem):
     ("name", "least", "most"), [("position", 0.001, 0.006), slow("vew", 0.006, 0.02)]
 )
 def test_settled_goals_depend_on_the_spacing(p_OC, name, least, most):
-    """docs/planner_options.md states these errors of goals for a spacing of 10 mm."""
+    """docs/planner_options.md says that they do."""
     settled = []
     for spacing in (0.01, 0.005):
         surface = box_surface([0.1, 0.1, 0.1], spacing=spacing, forbidden_faces=["+z", "-z"])
