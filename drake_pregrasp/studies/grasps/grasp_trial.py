@@ -24,6 +24,8 @@ _LONGEST_GRASP = 8.0
 
 A wait for an object that the hand can meet does not count."""
 
+_LONGEST_WAIT = 3.0  # Seconds without a possible meeting after which the hand waits no more.
+
 
 class GraspTrial:
     """A trial whose simulation can be advanced step by step.
@@ -119,8 +121,12 @@ class GraspTrial:
             record = self.records[-1]
             phase, since, *_ = record.report
             lasted = record.time - since if phase == GraspPhase.HOLD else 0.0
-            if phase == GraspPhase.APPROACH and record.catch_certificate[0] == CatchLimit.NONE:
-                begun = record.time
+            if phase == GraspPhase.APPROACH:
+                limit = record.catch_certificate[0]  # NaN without meetings.
+                if limit == CatchLimit.NONE:
+                    begun = record.time
+                if limit > CatchLimit.NONE and record.time >= begun + _LONGEST_WAIT:
+                    break
             if phase != GraspPhase.HOLD and record.time >= begun + _LONGEST_GRASP:
                 break
         controller = self.diagram.GetSubsystemByName("hand_controller")
