@@ -16,12 +16,13 @@ from drake_pregrasp.diagrams.hand_instances import (
     set_default_positions,
 )
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.diagrams.object_plant import DRAKE, add_moving_object
+from drake_pregrasp.diagrams.object_plant import DRAKE, ForceMakers, add_moving_object
 from drake_pregrasp.diagrams.wiring import connect, export_inputs
 from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.systems.hand_kinematics import HandLink
 from drake_pregrasp.systems.link_contacts import LinkContacts
 from drake_pregrasp.systems.mujoco_plant import MujocoPlant
+from drake_pregrasp.systems.object_shake import ObjectShake
 from drake_pregrasp.systems.sources import BodyPose, MovingSolid
 
 
@@ -78,6 +79,7 @@ class HandStation(Diagram):
         period: Seconds between ticks of the controller, for `link_forces`.
         shape: Shape of the object, if it has been made.
         obstacles: Obstacles that are bodies.
+        forces: Further systems with forces on the object's body.
         engine: What simulates the plant, one of `ENGINES`.
 
     Raises:
@@ -101,6 +103,7 @@ class HandStation(Diagram):
         period: float = GraspConfig.period,
         shape: Shape | None = None,
         obstacles: Sequence[MovingSolid] = (),
+        forces: ForceMakers = (),
         engine: str = DRAKE,
     ) -> None:
         super().__init__()
@@ -124,7 +127,7 @@ class HandStation(Diagram):
             add_more=lambda plant: models.extend(hand.add_to(plant)),
             separate_more=separate,
             holds_pose=True,
-            shakes=True,
+            forces=[("object_shake", ObjectShake), *forces],
             engine=engine,
         )
         contacts = self._add_link_contacts(builder, links, period)

@@ -17,7 +17,7 @@ from pydrake.multibody.plant import (
     MultibodyPlantConfig,
 )
 from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, OutputPort
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
 from drake_pregrasp.config.object_config import (
@@ -29,13 +29,10 @@ from drake_pregrasp.config.object_config import (
     Toss,
 )
 from drake_pregrasp.diagrams.expected_path import initial_pose
-from drake_pregrasp.diagrams.object_body import (
-    FRICTION,
-    add_object,
-    add_obstacle_bodies,
-)
+from drake_pregrasp.diagrams.object_body import FRICTION, add_object, add_obstacle_bodies
 from drake_pregrasp.diagrams.object_contact import separate_contacts
 from drake_pregrasp.diagrams.wiring import connect
+from drake_pregrasp.estimation.recorded_poses import RecordedPoses
 from drake_pregrasp.geometry.convex_pieces import convex_pieces
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.geometry.shapes import Shape
@@ -44,13 +41,15 @@ from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.systems.giver import Giver
 from drake_pregrasp.systems.mujoco_model import mujoco_substeps
 from drake_pregrasp.systems.mujoco_plant import MujocoPlant
-from drake_pregrasp.systems.object_shake import ObjectShake
 from drake_pregrasp.systems.sources import BodyPose, MovingSolid, ObjectMotion, PoseReplay
 from drake_pregrasp.systems.tossed_body import TossedBody
 from drake_pregrasp.visualization.drawing import draw_giver
 
 DRAKE, MUJOCO = ENGINES = ("drake", "mujoco")
 """Names of the engines that simulate a plant."""
+
+ForceMakers = Sequence[tuple[str, Callable[[RigidBody], LeafSystem]]]
+"""Names of systems with forces on a body, such as `ObjectShake`, and functions that make them."""
 
 
 class MovingObject(NamedTuple):
@@ -94,7 +93,7 @@ def add_moving_object(
     add_more: Callable[[MultibodyPlant], object] | None = None,
     separate_more: Callable[[MultibodyPlant, SceneGraph], object] | None = None,
     holds_pose: bool = False,
-    shakes: bool = False,
+    forces: ForceMakers = (),
     engine: str = DRAKE,
 ) -> MovingObject:
     """Adds a plant with the object, and what moves it.
@@ -113,7 +112,7 @@ def add_moving_object(
         separate_more: Function that filters collisions of these models in the finalized plant.
         holds_pose: Whether the pose of a time step is held until the next one (`BodyPose`), for
             ticks whose times equal those of time steps only up to rounding.
-        shakes: Whether to add the system `object_shake`, an `ObjectShake`.
+        forces: Systems with forces on the object's body.
         engine: What simulates the plant, one of `ENGINES`.
 
     Raises:
@@ -138,22 +137,23 @@ def add_moving_object(
     if separate_more is not None:
         separate_more(plant, scene_graph)
     plant.SetDefaultFloatingBaseBodyPose(body, initial_pose(motion, shape))
-    forces = [builder.AddNamedSystem("object_shake", ObjectShake(body))] if shakes else []
+    sources = {name: make(body) for name, make in forces}
     dynamics = plant
     if engine == MUJOCO:
         dynamics = _add_mujoco(builder, plant, scene_graph, body, shape.mesh, motion)
     elif isinstance(motion, Toss):
         solids = [o.solid for o in obstacles if not np.any(o.velocity)]
         solids += [TABLE_TOP] if motion.table else []
-        forces.append(_add_tossed_body(builder, plant, body, motion, shape.mesh, solids, friction))
+        sources["tossed_body"] = _tossed_body(plant, body, motion, shape.mesh, solids, friction)
     elif isinstance(motion, PoseStream):
-        forces.append(_add_giver(builder, plant, scene_graph, body, motion, shape.mesh))
+        poses = motion.read()
+        _draw_giver(builder, scene_graph, poses, shape.mesh)
+        sources["giver"] = Giver(plant, body, poses)
     for name, (instance, drive) in drives.items():
         builder.AddNamedSystem(name, drive)
         builder.Connect(drive.get_output_port(), dynamics.get_desired_state_input_port(instance))
-    if forces:
-        together = _add_sum_of_forces(builder, forces)
-        builder.Connect(together, dynamics.get_applied_spatial_force_input_port())
+    if sources:
+        _add_forces(builder, dynamics, sources)
     body_pose = BodyPose(body.index(), time_step=plant_config.time_step if holds_pose else 0.0)
     pose = builder.AddNamedSystem("object_pose", body_pose)
     builder.Connect(dynamics.get_body_poses_output_port(), pose.get_input_port())
@@ -214,8 +214,7 @@ def _add_mujoco(
     return dynamics
 
 
-def _add_tossed_body(
-    builder: DiagramBuilder,
+def _tossed_body(
     plant: MultibodyPlant,
     body: RigidBody,
     motion: Toss,
@@ -223,42 +222,34 @@ def _add_tossed_body(
     solids: Sequence[Solid],
     friction: float,
 ) -> TossedBody:
-    """Adds the launch of a body in Drake's plant, and its impacts on solids."""
+    """Returns the launch of a body in Drake's plant, and its impacts on solids."""
     coulomb = 2 * friction * FRICTION / (friction + FRICTION)  # As Drake combines them.
     launch, corners = _launch_velocity(plant, motion), mesh.convex_hull.vertices
-    tossed = TossedBody(plant, body, launch, points=corners, solids=solids, friction=coulomb)
-    builder.AddNamedSystem("tossed_body", tossed)
-    connect(builder, plant, "body_poses body_spatial_velocities", tossed)
-    return tossed
+    return TossedBody(plant, body, launch, points=corners, solids=solids, friction=coulomb)
 
 
-def _add_giver(
-    builder: DiagramBuilder,
-    plant: MultibodyPlant,
-    scene_graph: SceneGraph,
-    body: RigidBody,
-    motion: PoseStream,
-    mesh: trimesh.Trimesh,
-) -> Giver:
-    """Adds what moves a body along recorded poses."""
-    poses = motion.read()
-    giver = Giver(plant, body, poses)
-    builder.AddNamedSystem("giver", giver)
-    connect(builder, plant, "body_poses body_spatial_velocities", giver)
+def _draw_giver(
+    builder: DiagramBuilder, scene_graph: SceneGraph, poses: RecordedPoses, mesh: trimesh.Trimesh
+) -> None:
+    """Draws what moves a body along recorded poses."""
     source, frame = draw_giver(scene_graph, mesh)
     replay = builder.AddNamedSystem("giver_poses", PoseReplay(poses, frame))
     geometry_pose = replay.GetOutputPort("geometry_pose")
     builder.Connect(geometry_pose, scene_graph.get_source_pose_port(source))
-    return giver
 
 
-def _add_sum_of_forces(builder: DiagramBuilder, sources: Sequence[System]) -> OutputPort:
-    """Returns the port of a new system with the forces of all sources."""
-    together = ExternallyAppliedSpatialForceMultiplexer(len(sources))
-    builder.AddNamedSystem("spatial_forces", together)
-    for index, source in enumerate(sources):
-        builder.Connect(source.get_output_port(), together.get_input_port(index))
-    return together.get_output_port()
+def _add_forces(
+    builder: DiagramBuilder, dynamics: MultibodyPlant | MujocoPlant, sources: dict[str, LeafSystem]
+) -> None:
+    """Adds systems with forces on bodies to a plant, and connects those that read their motions."""
+    total = ExternallyAppliedSpatialForceMultiplexer(len(sources))
+    builder.AddNamedSystem("spatial_forces", total)
+    for index, (name, source) in enumerate(sources.items()):
+        builder.AddNamedSystem(name, source)
+        if source.HasInputPort("body_poses"):
+            connect(builder, dynamics, "body_poses body_spatial_velocities", source)
+        builder.Connect(source.get_output_port(), total.get_input_port(index))
+    builder.Connect(total.get_output_port(), dynamics.get_applied_spatial_force_input_port())
 
 
 TIP_RADIUS = 0.012
@@ -371,6 +362,7 @@ class ObjectPlant(Diagram):
         plant_config: Time step and contact model.
         shape: Shape of the object, if it has been made.
         obstacles: Obstacles that are bodies.
+        forces: Systems with forces on the object's body.
         engine: What simulates the plant, one of `ENGINES`.
     """
 
@@ -386,13 +378,20 @@ class ObjectPlant(Diagram):
         *,
         shape: Shape | None = None,
         obstacles: Sequence[MovingSolid] = (),
+        forces: ForceMakers = (),
         engine: str = DRAKE,
     ) -> None:
         super().__init__()
         builder = DiagramBuilder()
-        shape, mass = shape or object_config.make_shape(), object_config.mass
         self.plant, self.scene_graph, X_WO, self.dynamics = add_moving_object(
-            builder, shape, mass, motion_config, plant_config, obstacles=obstacles, engine=engine
+            builder,
+            shape or object_config.make_shape(),
+            object_config.mass,
+            motion_config,
+            plant_config,
+            obstacles=obstacles,
+            forces=forces,
+            engine=engine,
         )
         builder.ExportOutput(X_WO, "X_WO")
         builder.ExportOutput(self.scene_graph.get_query_output_port(), "query_object")

@@ -14,7 +14,7 @@ from drake_pregrasp.diagrams.grasping_hand import GoalSource, GraspingHand, add_
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_station import HandStation
-from drake_pregrasp.diagrams.object_plant import TABLE, ObjectPlant
+from drake_pregrasp.diagrams.object_plant import TABLE, ForceMakers, ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.simulation.obstacle_config import moving_solid
@@ -47,6 +47,7 @@ def make_diagram(
     camera: CameraView | None = None,
     continues: Diagram | None = None,
     goals: GoalSource | None = None,
+    forces: ForceMakers = (),
 ) -> Diagram:
     """Returns the diagram of a scenario.
 
@@ -63,6 +64,7 @@ def make_diagram(
         continues: Diagram of a scenario with the same object and contacts, whose drawings and
             camera in the viewer this one keeps.
         goals: Source of the goals of a hand; by default the planner.
+        forces: Systems with forces on the body of the object. Replayed poses ignore them.
 
     Raises:
         ScenarioError: If the scenario cannot be simulated.
@@ -71,11 +73,11 @@ def make_diagram(
     weights = builder.AddNamedSystem("contact_weights", contact_weights_of(resolved))
     hand: GraspingHand | None = None
     if resolved.hand is None:
-        plant: ObjectPlant | HandStation = _add_object(builder, resolved)
+        plant: ObjectPlant | HandStation = _add_object(builder, resolved, forces)
         planner = _add_planner(builder, resolved, weights)
     else:
         hand = add_hand(builder, resolved, resolved.hand, weights, goals)
-        plant = add_hand_station(builder, resolved, resolved.hand, hand.controller)
+        plant = add_hand_station(builder, resolved, resolved.hand, hand.controller, forces)
         planner, close_at = hand.planner, resolved.scenario.grasp.close_at
         command = builder.AddNamedSystem("close_command", CloseCommand(close_at))
         connect(builder, command, "close", hand.controller)
@@ -137,7 +139,9 @@ def contact_weights_of(resolved: ResolvedScenario) -> ContactWeights:
     )
 
 
-def _add_object(builder: DiagramBuilder, resolved: ResolvedScenario) -> ObjectPlant:
+def _add_object(
+    builder: DiagramBuilder, resolved: ResolvedScenario, forces: ForceMakers
+) -> ObjectPlant:
     scenario = resolved.scenario
     plant = ObjectPlant(
         scenario.object,
@@ -145,6 +149,7 @@ def _add_object(builder: DiagramBuilder, resolved: ResolvedScenario) -> ObjectPl
         resolved.plant_config,
         shape=resolved.shape,
         obstacles=resolved.obstacle_bodies,
+        forces=forces,
         engine=scenario.engine,
     )
     builder.AddNamedSystem("object_plant", plant)
@@ -225,6 +230,7 @@ def add_hand_station(
     resolved: ResolvedScenario,
     model: HandModel,
     controller: HandController,
+    forces: ForceMakers = (),
 ) -> HandStation:
     """Adds the plant with a scenario's object and hand, and connects it to the controller."""
     scenario, grasp = resolved.scenario, resolved.scenario.grasp
@@ -240,6 +246,7 @@ def add_hand_station(
             period=grasp.period,
             shape=resolved.shape,
             obstacles=resolved.obstacle_bodies,
+            forces=forces,
             engine=scenario.engine,
         ),
     )
