@@ -157,6 +157,7 @@ class LiveControls:
     Attributes:
         is_paused: Whether the run is paused.
         is_stopped: Whether somebody has stopped it.
+        drag: The run's method of this name, as is `let_go`; any thread may call them.
         refused: Number of messages of pages that were malformed, too many, or unauthorized.
     """
 
@@ -190,6 +191,7 @@ class LiveControls:
             self._buttons["object: throw"] = self._reset
         if scenario.has_hand:
             self._buttons["hand: close"] = run.close
+        self.drag, self.let_go = run.drag, run.let_go
         self._add()
 
     def serve(self, should_stop: Callable[[], bool] = lambda: False) -> None:
@@ -225,6 +227,11 @@ class LiveControls:
         """Adds messages to those that are refused; any thread may call it."""
         with self._lock:
             self.refused += count
+
+    @property
+    def can_drag(self) -> bool:
+        """Whether the mouse can drag the object; any thread may ask."""
+        return self._run.can_drag
 
     def timeline(self) -> dict[str, Any]:
         """Returns what the page shows now."""

@@ -15,7 +15,9 @@ from http.client import HTTPException
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from io import BufferedIOBase
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from pydrake.geometry import Meshcat
 
 from drake_pregrasp.errors import OutputError
@@ -32,8 +34,9 @@ _open = urllib.request.build_opener(urllib.request.ProxyHandler({})).open
 _SEND = """<head><script>
 window.WebSocket = class extends WebSocket {
   send(data) {
-    const {type, name, value} = MeshCat.msgpack.decode(data);
-    if (["button", "slider"].includes(type)) super.send(JSON.stringify({type, name, value}));
+    const {type, name, value, drag_anchor, drag_target} = MeshCat.msgpack.decode(data);
+    if (["button", "slider", "mouse_drag"].includes(type))
+      super.send(JSON.stringify({type, name, value, drag_anchor, drag_target}));
   }
 };
 </script>"""
@@ -41,6 +44,21 @@ _START = (
     "<script>followRun(); viewer.gui.__folders.Scene.close(); viewer.gui.open();</script></body>"
 )
 
+# The page of Drake 1.57 and later lets the mouse drag what it draws: here, the object and what is
+# drawn on it only.
+_DRAG = """<script>
+if (typeof mouseDrag !== "undefined") {
+  const raycast = mouseDrag.raycast;
+  mouseDrag.raycast = function (event) {
+    const hit = raycast.call(this, event), path = hit && this.objectPath(hit.object);
+    return hit && /^.drake.(pregrasp|bodies.object)./.test(path) ? hit : null;
+  };
+  element("div", "Ctrl and left button: drag the object.", document.getElementById("timeline-key"));
+}
+</script>"""
+_NO_DRAG = """<script>
+if (typeof mouseDrag !== "undefined") mouseDrag.raycast = () => null;
+</script>"""
 
 _HOSTS = ("127.0.0.1", "localhost")  # Another name may be a stranger's.
 _SILENCE = 150.0  # Seconds without an answer to Meshcat after which a page is given up.
@@ -74,6 +92,7 @@ def served_page(meshcat: Meshcat, controls: LiveControls) -> Iterator[str]:
     with _open(viewer) as answer:
         page = answer.read().decode().replace("<head>", _SEND, 1)
     page = page.replace("</body>", OVERLAY.read_text(encoding="utf-8") + _START)
+    page = page.replace("</body>", (_DRAG if controls.can_drag else _NO_DRAG) + "</body>")
     try:
         server = _Server(viewer, page, controls)
     except OSError as error:
@@ -154,14 +173,33 @@ class _Handler(BaseHTTPRequestHandler):
             drake.sendall(_HANDSHAKE.format(there.netloc, key).encode())
             copy = threading.Thread(target=self._copy_from, args=[drake], daemon=True)
             copy.start()
-            for kind, content in _messages(self.rfile):
-                if (checked := _checked(kind, content)) is None:
-                    self.server.controls.refuse(1)
-                else:
-                    drake.sendall(checked)
-                time.sleep(_PAUSE)
+            try:
+                for kind, content in _messages(self.rfile):
+                    self._pass_on(kind, content, drake)
+                    time.sleep(_PAUSE)
+            finally:  # A page that is closed drags no more.
+                self.server.controls.let_go()
             drake.shutdown(socket.SHUT_RDWR)
             copy.join()
+
+    def _pass_on(self, kind: int, content: bytes, drake: socket.socket) -> None:
+        """Passes on a message of the page, unless it is refused: a drag to the controls."""
+        controls, message = self.server.controls, None
+        if kind == _TEXT:
+            with contextlib.suppress(ValueError, RecursionError):
+                message = json.loads(content)
+        match message:
+            case {"type": "mouse_drag", "drag_anchor": [], "drag_target": []}:
+                controls.let_go()
+            case {"type": "mouse_drag", "drag_anchor": list(p_WA), "drag_target": list(p_WT)} if (
+                controls.can_drag and _is_place(p_WA) and _is_place(p_WT)
+            ):
+                controls.drag(np.array(p_WA), np.array(p_WT))
+            case _:
+                if (checked := _checked(kind, content, message)) is None:
+                    controls.refuse(1)
+                else:
+                    drake.sendall(checked)
 
     def _copy_from(self, drake: socket.socket) -> None:
         with contextlib.suppress(OSError):
@@ -194,19 +232,26 @@ def _messages(file: BufferedIOBase) -> Iterator[tuple[int, bytes]]:
             yield kind, bytes(byte ^ mask[k % 4] for k, byte in enumerate(content))
 
 
-def _checked(kind: int, content: bytes) -> bytes | None:
-    """Returns the message for Meshcat that says the same as a page's, or None if it is refused."""
+def _is_place(place: list[Any]) -> bool:
+    """Returns whether a list consists of three coordinates in metres, in a world of 2 km."""
+    return len(place) == 3 and all(type(x) in (int, float) and abs(x) <= 1e3 for x in place)
+
+
+def _checked(kind: int, content: bytes, message: object) -> bytes | None:
+    """Returns the message for Meshcat that says the same as a page's, or None if it is refused.
+
+    Args:
+        kind: Kind of the page's message.
+        content: Its content.
+        message: Value of a text in JSON, or None.
+    """
     if kind == 0:
         return None
     if kind == _TEXT:
-        try:
-            message = json.loads(content)
-        except (ValueError, RecursionError):
-            return None
         match message:
-            case {"type": "button", "name": str(name)}:
+            case {"type": "button" as type_, "name": str(name)}:
                 value = 0.0
-            case {"type": "slider", "name": str(name), "value": int() | float() as value}:
+            case {"type": "slider" as type_, "name": str(name), "value": int() | float() as value}:
                 pass
             case _:
                 return None
@@ -215,7 +260,7 @@ def _checked(kind: int, content: bytes) -> bytes | None:
             return None
         # MessagePack: a map of three entries, whose values are two strings and a number.
         kind = _BINARY
-        content = b"\x83\xa4type\xa6" + message["type"].encode()
+        content = b"\x83\xa4type\xa6" + type_.encode()
         content += b"\xa4name\xd9" + bytes([len(text)]) + text
         content += b"\xa5value\xcb" + struct.pack(">d", value)
     size = len(content)

@@ -11,10 +11,11 @@ from pydrake.geometry import Meshcat, MeshcatAnimation
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, System
 
-from drake_pregrasp.arrays import tick_index
+from drake_pregrasp.arrays import TIME_ROUNDING, FloatArray, tick_index
 from drake_pregrasp.config.finger_config import DamageEvent
 from drake_pregrasp.config.object_config import Conveyor
 from drake_pregrasp.contacts.strategies import STRATEGIES
+from drake_pregrasp.diagrams.object_plant import DRAKE
 from drake_pregrasp.errors import PregraspError
 from drake_pregrasp.estimation.fault_settings import FOREVER
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
@@ -25,6 +26,7 @@ from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import dump_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram, make_simulator
 from drake_pregrasp.systems.loggers import TickRecord
+from drake_pregrasp.systems.object_drag import ObjectDrag
 
 RECORDED = 600.0
 """Longest recording of a live run, in seconds: it is kept in memory."""
@@ -32,6 +34,8 @@ RECORDED = 600.0
 _RAMP = 0.2  # Duration of a change of the conveyor's velocity, in seconds.
 _BELOW_ALL = -10.0  # Ceiling of cameras below which there are no points, in metres.
 _TILE = 0.01  # Smallest size of tiles, in metres: a page loads hundreds fast, but not thousands.
+_DRAGGED_STEP = 0.005  # Longest time step for a drag: in longer ones, objects fall into the table.
+_NO_PULL = np.full(3, np.nan), np.full(3, np.nan)
 _NUDGE = 0.4  # Speed that a nudge adds to the object, in m/s: a cube slides 1 cm, and does not tip.
 
 
@@ -60,6 +64,7 @@ class LiveRun:
         self._resolved, self._camera = resolved, camera_view(resolved, live=True)
         self._diagram: Diagram | None = None
         self._velocity: list[float] | None = None  # Of the conveyor, if it was changed.
+        self._pull: tuple[FloatArray, FloatArray] | None = None  # Points A in O and T in W.
         self.scenario = copy.deepcopy(scenario)
         self.scenario.recording.tile_size = max(_TILE, scenario.recording.tile_size)
         self._start()
@@ -97,6 +102,8 @@ class LiveRun:
     def advance(self) -> None:
         """Simulates until the next planning tick."""
         period = self.scenario.planner.period
+        if self.can_drag:
+            self._set_pull()
         self._simulator.AdvanceTo(period * (tick_index(self.time, period) + 1))
         if self._is_recording and self.time > RECORDED:
             self._meshcat.StopRecording()
@@ -187,14 +194,47 @@ class LiveRun:
 
     def nudge(self) -> None:
         """Pushes the object in a random horizontal direction."""
-        assert self._diagram is not None
-        station = self._diagram.GetSubsystemByName("object_plant")
+        station = self._object_plant()
         model, dynamics = station.plant.GetModelInstanceByName("object"), station.dynamics
         angle = np.random.default_rng(round(1e3 * self.time)).uniform(0, 2 * np.pi)
         context = dynamics.GetMyMutableContextFromRoot(self._simulator.get_mutable_context())
         push = [0.0, 0.0, 0.0, _NUDGE * np.cos(angle), _NUDGE * np.sin(angle), 0.0]
         dynamics.SetVelocities(context, model, dynamics.GetVelocities(context, model) + push)
         self.timeline.tell("object is nudged")
+
+    @property
+    def can_drag(self) -> bool:
+        """Whether the mouse can drag the object: Drake simulates it, in short time steps."""
+        return bool(self._object_plant().HasSubsystemNamed("object_drag"))
+
+    def drag(self, p_WA: FloatArray, p_WT: FloatArray) -> None:
+        """Pulls a point A of the object towards a target T, until it is let go.
+
+        Args:
+            p_WA: A in W at the last planning tick, shape (3,), in metres. Only the first call since
+                the object was let go chooses A, inside of the object's bounding box.
+            p_WT: T in W, shape (3,), in metres.
+        """
+        if (pull := self._pull) is None:
+            bounds = self._resolved.shape.mesh.bounds
+            p_OA = np.clip(self.last.X_WO.inverse() @ p_WA, *bounds)
+        else:
+            p_OA = pull[0]
+        self._pull = p_OA, p_WT
+
+    def let_go(self) -> None:
+        """Ends a drag."""
+        self._pull = None
+
+    def _set_pull(self) -> None:
+        system = self._object_plant().GetSubsystemByName("object_drag")
+        context = system.GetMyMutableContextFromRoot(self._simulator.get_mutable_context())
+        system.set_pull(context, *(self._pull or _NO_PULL))
+
+    def _object_plant(self) -> Diagram:
+        assert self._diagram is not None
+        plant: Diagram = self._diagram.GetSubsystemByName("object_plant")
+        return plant
 
     def save(self, out: Path) -> Path:
         """Writes the recording and the scenario to a new folder, and returns the recording.
@@ -224,6 +264,8 @@ class LiveRun:
     def _simulate(self) -> Simulator:
         """Returns a simulator of the scenario, whose diagram keeps the drawings of the last one."""
         self._resolved = resolve_scenario(self.scenario, keep=self._resolved)
+        is_fine = self._resolved.plant_config.time_step <= _DRAGGED_STEP + TIME_ROUNDING
+        can_drag = self.scenario.engine == DRAKE and is_fine
         self._diagram = make_diagram(
             self._resolved,
             sink=self._add_tick,
@@ -233,6 +275,7 @@ class LiveRun:
             live=True,
             camera=self._camera,
             continues=self._diagram,
+            forces=[("object_drag", ObjectDrag)] if can_drag else [],
         )
         simulator = make_simulator(self._diagram, self.scenario)
         simulator.set_target_realtime_rate(1.0)

@@ -49,11 +49,10 @@ class Page:
         self.thread.join()
         self.browser.close()
 
-    def mouse(self, kind: str, x: float, y: float) -> None:
+    def mouse(self, kind: str, x: float, y: float, *, ctrl: bool = False) -> None:
         """Presses, moves or releases the mouse with its left button."""
-        self.browser.ask(
-            "Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1
-        )
+        options = {"button": "left", "clickCount": 1, "modifiers": 2 * ctrl}
+        self.browser.ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, **options)
 
     def seen(self) -> np.ndarray:
         """Returns where the object is in the picture: x and y from -1 to 1."""
@@ -238,6 +237,71 @@ def test_the_camera_goes_with_the_object_and_the_mouse_turns_it(page):
     page.browser.ask("Page.reload")
     page.browser.until("window.viewer?.controls?.target.x > 0.5")
     np.testing.assert_allclose(page.seen(), 0, atol=0.1)
+
+
+@pytest.fixture
+def resting(opened):
+    """A page with a hand over an object that rests."""
+    still = "motion: {linear_velocity: 0, angular_velocity: 0}, planner: {static_duration: 0.2}"
+    page = opened("grasp_five_finger", f"{{{still}, grasp: {{close_at: 1000}}}}")
+    page.pass_time(2.0)
+    if not page.browser.value('typeof mouseDrag !== "undefined"'):
+        pytest.skip("needs the page of Drake 1.57 or later")
+    page.told("drag the object")
+    return page
+
+
+def place_in_picture(page):
+    """Returns where the lower half of the object is in the picture, in pixels."""
+    width, height = page.browser.value("[innerWidth, innerHeight]")
+    x, y = page.seen()
+    return (x + 1) / 2 * width, (1 - y) / 2 * height + 40  # Pulled higher, a cube tips.
+
+
+def test_the_mouse_drags_the_object_and_the_hand_follows(resting):
+    """The hand takes it where it was let go, and the camera waits as long as it is dragged."""
+    run, (x, y) = resting.run, place_in_picture(resting)
+    begin, camera = resting.place(), "viewer.controls.target.toArray()"
+    seen = resting.browser.value(camera)
+    resting.mouse("mousePressed", x, y, ctrl=True)
+    target = "mouseDrag.targetWorld.toArray()"
+    first = resting.browser.value(target)
+    for step in range(1, 31):
+        resting.mouse("mouseMoved", x + 5 * step, y, ctrl=True)
+        resting.pass_time(0.05)
+    resting.pass_time(1.0)
+    moved = np.subtract(resting.browser.value(target), first)
+    way = resting.place() - begin
+    assert np.linalg.norm(way) > 0.03
+    np.testing.assert_allclose(resting.browser.value(camera), seen, atol=1e-6)
+    assert way @ [moved[0], -moved[2], moved[1]] > 0  # Axes of the viewer and those of Drake.
+    resting.mouse("mouseReleased", x + 150, y, ctrl=True)
+    resting.pass_time(1.0)
+    released = resting.place()
+    assert np.linalg.norm(released - begin - way) < 0.01
+    resting.pass_time(1.0)
+    np.testing.assert_allclose(resting.place(), released, atol=1e-3)
+    np.testing.assert_allclose(run.last.X_WO_estimated.translation(), released, atol=2e-3)
+    goals = run.last.p_WC.reshape(-1, 3)
+    assert np.all(np.abs((run.last.X_WO.inverse() @ goals.T).T) < 0.055)  # Of a cube of 0.1 m.
+    resting.click("hand: close")
+    resting.told("hand holds")
+    assert resting.place()[2] > 0.1
+    shift = np.subtract(resting.browser.value(camera), seen)
+    np.testing.assert_allclose(shift[[0, 2]], [way[0], -way[1]], atol=0.01)
+    assert resting.controls.refused == 0
+
+
+def test_only_the_object_is_dragged_and_only_with_ctrl(resting):
+    x, y = place_in_picture(resting)
+    begin = resting.place()
+    for ctrl, press in ((False, (x, y)), (True, (x, y + 140))):
+        resting.mouse("mousePressed", *press, ctrl=ctrl)
+        assert not resting.browser.value("mouseDrag.isActive()")
+        resting.mouse("mouseMoved", x + 150, press[1], ctrl=ctrl)
+        resting.pass_time(0.5)
+        resting.mouse("mouseReleased", x + 150, press[1], ctrl=ctrl)
+    np.testing.assert_allclose(resting.place(), begin, atol=1e-3)
 
 
 def test_the_page_shows_the_whole_scene(page, tmp_path):

@@ -10,6 +10,7 @@ import socket
 import threading
 import time
 import urllib.parse
+import urllib.request
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
@@ -23,6 +24,7 @@ from drake_pregrasp.simulation.recording import start_meshcat
 
 BUTTON, SLIDER = "stop", "linear velocity [mm/s]"
 PRESS = json.dumps({"type": "button", "name": BUTTON}).encode()
+ANCHOR, TARGET = [0.1, 0, -0.2], [0.3, 0.25, 1]
 SOCKETS = []
 
 
@@ -34,12 +36,21 @@ def _closed_sockets():
 
 
 class Controls:
-    """Counts what is refused, and shows nothing."""
+    """Counts what is refused, notes what is dragged, and shows nothing."""
 
-    refused = 0
+    refused, can_drag = 0, True
+
+    def __init__(self):
+        self.drags = []
 
     def refuse(self, count):
         self.refused += count
+
+    def drag(self, p_WA, p_WT):
+        self.drags.append([*p_WA, *p_WT])
+
+    def let_go(self):
+        self.drags.append(None)
 
     def timeline(self):
         return {"title": "mine"}
@@ -70,6 +81,16 @@ def frame(content, kind=0x81, mask=b"\1\2\3\4"):
         bytes([0x80 | len(content)]) if len(content) < 126 else b"\xfe" + len(content).to_bytes(2)
     )
     return bytes([kind]) + size + mask + bytes(b ^ mask[k % 4] for k, b in enumerate(content))
+
+
+def drag(anchor, target):
+    """Returns the text of a page whose mouse drags the object, or lets it go."""
+    # The page sends the path of what the mouse has hit, too.
+    said = {"type": "mouse_drag", "name": "/drake", "drag_anchor": anchor, "drag_target": target}
+    return json.dumps(said).encode()
+
+
+DRAG, LET_GO = drag(ANCHOR, TARGET), drag([], [])
 
 
 def open_socket(address, path=None, host=None, origin=None):
@@ -131,6 +152,31 @@ def test_what_a_page_says_reaches_meshcat(address, meshcat):
     assert meshcat.GetButtonClicks(BUTTON) == 1
 
 
+def test_a_drag_reaches_the_controls_until_the_page_lets_go_or_is_closed(address, controls):
+    page = open_socket(address)
+    page.sendall(frame(DRAG) + frame(LET_GO) + frame(DRAG))
+    assert eventually(lambda: len(controls.drags) == 3)
+    page.close()
+    assert eventually(lambda: len(controls.drags) == 4)
+    assert controls.drags == [[*ANCHOR, *TARGET], None] * 2
+    assert controls.refused == 0
+
+
+@pytest.mark.parametrize("can_drag", [True, False])
+def test_a_page_offers_only_what_the_run_can_do(meshcat, controls, can_drag):
+    controls.can_drag = can_drag
+    with served_page(meshcat, controls) as address, urllib.request.urlopen(address) as page:
+        assert (b"drag the object" in page.read()) == can_drag
+
+
+def test_an_object_that_cannot_be_dragged_is_not(address, controls):
+    controls.can_drag = False
+    page = open_socket(address)
+    page.sendall(frame(DRAG))
+    assert eventually(lambda: controls.refused == 1)
+    assert controls.drags == []
+
+
 MALFORMED = [
     b"\xc1",
     b"",
@@ -143,6 +189,16 @@ MALFORMED = [
     b'{"type": "gamepad", "name": "", "gamepad": {"index": 1}}',
     json.dumps({"type": "slider", "name": SLIDER}).encode(),
     json.dumps({"type": "slider", "name": SLIDER, "value": "1"}).encode(),
+    drag(ANCHOR, []),
+    drag([], TARGET),
+    drag(ANCHOR, TARGET[:2]),
+    drag([*ANCHOR, 0], TARGET),
+    drag(ANCHOR, "0 0"),
+    drag(ANCHOR, None),
+    drag(ANCHOR, {"x": 0, "y": 0, "z": 0}),
+    *(drag(ANCHOR, [0, 0, x]) for x in ("1", None, [1], True, 1e4, -(10**400))),
+    *(DRAG.replace(b"0.25", value) for value in (b"NaN", b"Infinity", b"-1e309")),
+    json.dumps({"type": "mouse_drag", "drag_anchor": ANCHOR}).encode(),
     *(
         f'{{"type": "slider", "name": "{SLIDER}", "value": {value}}}'.encode()
         for value in ("NaN", "Infinity", "-1e309", "1" + 309 * "0", "[1]")
@@ -158,6 +214,7 @@ def test_malformed_messages_are_refused_and_counted(address, controls, meshcat):
     page.sendall(frame(PRESS))
     assert eventually(lambda: meshcat.GetButtonClicks(BUTTON) == 1)
     assert meshcat.GetSliderValue(SLIDER) == 0
+    assert controls.drags == []
 
 
 @pytest.mark.parametrize(
@@ -188,7 +245,14 @@ def test_broken_websockets_are_closed(address, controls, meshcat, sent):
 def test_random_messages_end_nothing(address, meshcat):
     """Bytes of good messages are changed, cut and repeated."""
     chance = random.Random(1)
-    good = [frame(PRESS), frame(b"", 0x89), frame(PRESS[:-1]), *map(frame, MALFORMED)]
+    good = [
+        frame(PRESS),
+        frame(DRAG),
+        frame(LET_GO),
+        frame(b"", 0x89),
+        frame(PRESS[:-1]),
+        *map(frame, MALFORMED),
+    ]
     for _ in range(int(os.environ.get("FUZZED_MESSAGES", "300")) // 10):
         page = open_socket(address)
         for _ in range(10):
@@ -221,7 +285,10 @@ def test_a_page_of_another_origin_reads_and_presses_nothing(address, controls, m
             assert browser.value(read) == ""
         told = f"""new Promise(resolve => {{
             const opened = new WebSocket("{url.replace("http", "ws")}");
-            opened.onopen = () => opened.send({json.dumps(PRESS.decode())});
+            opened.onopen = () => {{
+                opened.send({json.dumps(PRESS.decode())});
+                opened.send({json.dumps(DRAG.decode())});
+            }};
             opened.onmessage = () => resolve("read");
             opened.onclose = () => resolve("closed");
         }})"""
@@ -238,6 +305,7 @@ def test_a_page_of_another_origin_reads_and_presses_nothing(address, controls, m
         server.server_close()
     assert controls.refused == 1
     assert meshcat.GetButtonClicks(BUTTON) == 0
+    assert not any(controls.drags)
 
 
 @pytest.mark.slow

@@ -17,6 +17,7 @@ from drake_pregrasp.live.live_run import LiveRun
 from drake_pregrasp.simulation.recording import start_meshcat
 from drake_pregrasp.simulation.scenario_file import load_resolved, resolve
 
+STEP = "plant_config: {time_step: 0.005}"
 NAMES = ["a_base", pytest.param("grasp_five_finger", marks=pytest.mark.slow)]
 
 
@@ -94,6 +95,48 @@ def test_a_slider_keeps_within_the_declared_range_whatever_a_page_sends(name):
                 assert scalar_problem(value, float, rules) is None, (path, sent)
                 assert low - 1e-9 <= value <= high + 1e-9
         assert value == pytest.approx(high), "a value that is not finite was not ignored"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("far", [0.0, 100.0])
+def test_a_dragged_object_follows_until_it_is_let_go_also_through_a_change(far):
+    """A point that is not on the object pulls a corner of its bounding box."""
+    scenario = load_resolved("a_base", text=f"{{{STEP}}}")
+    run = LiveRun(scenario, name="a_base", meshcat=start_meshcat(live=True))
+    run.set_velocity(linear=0.0, angular=0.0)
+    begin = run.last.X_WO.translation()
+    corner, away = begin + np.array([0.05, 0.05, -0.05]), far * np.array([1.0, 1.0, -1.0])
+    target = np.array([0.15, 0.0, 0.0])
+
+    def advance(ticks):
+        for _ in range(ticks):
+            run.advance()
+        return run.last.X_WO.translation()
+
+    run.drag(corner + away, corner + target)
+    first = advance(10)
+    assert first[0] - begin[0] > 0.02
+    run.change(lambda scenario: None)
+    run.drag(corner, corner - 1.6 * target)
+    second = advance(20)
+    assert second[0] < begin[0] - 0.02
+    run.let_go()
+    released = advance(4)
+    assert advance(4) == pytest.approx(released, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a_base", "{}"),
+        ("pose_stream", f"{{{STEP}}}"),
+        pytest.param("a_base", f"{{{STEP}, engine: mujoco}}", marks=pytest.mark.slow),
+    ],
+)
+def test_an_object_in_long_steps_or_that_drake_does_not_simulate_is_not_dragged(name, text):
+    run = LiveRun(load_resolved(name, text=text), name=name, meshcat=start_meshcat(live=True))
+    assert not run.can_drag
+    run.advance()
 
 
 @pytest.mark.slow
