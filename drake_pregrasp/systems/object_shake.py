@@ -45,8 +45,10 @@ class ObjectShake(LeafSystem):
         if not self._report.HasValue(context):
             return []
         phase, since, *_ = self._report.Eval(context)
+        if phase != GraspPhase.HOLD:
+            return []
         share = shake_force(context.get_time() - since)
-        if phase != GraspPhase.HOLD or not share.any():
+        if not share.any():
             return []
         F_CoM_W = SpatialForce(tau=np.zeros(3), f=self._weight * share)
         return ports.applied_force(self._index, self._p_OCoM, F_CoM_W)

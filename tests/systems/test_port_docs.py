@@ -30,6 +30,7 @@ from drake_pregrasp.studies.grasps.baseline_goals import (
     StationaryHand,
 )
 from drake_pregrasp.systems.mujoco_plant import MujocoPlant
+from drake_pregrasp.systems.object_drag import ObjectDrag
 
 CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)))
 SCENARIOS = (
@@ -51,7 +52,8 @@ def made_diagrams():
     for name in SCENARIOS:
         scenario = load_scenario(name)
         sinks = {"sink": print, "grasp_sink": print}
-        yield make_diagram(scenario, meshcat=meshcat, **sinks)
+        forces = [("object_drag", ObjectDrag)]
+        yield make_diagram(scenario, meshcat=meshcat, forces=forces, **sinks)
 
 
 def mujoco_plants():
