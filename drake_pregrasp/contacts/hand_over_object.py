@@ -26,7 +26,7 @@ class HandOverObject:
         friction: Coulomb's coefficient.
         normal_forces: Smallest and largest normal force of each finger, shape (2, n), in newtons.
         touch_force: Largest force of a finger that touches the object first, in newtons.
-        yaw: Yaw of the palm, in radians; of equal grasps, the nearest one is chosen.
+        yaw: Yaw of the palm at home, in radians; of equal grasps, the nearest one is chosen.
         yaw_range: Smallest and largest yaw of the palm, in radians.
         least_fingers: Smallest number of fingers of a grasp.
         holds_palm: Function that tells whether the hand can hold its palm at a yaw.

@@ -185,6 +185,15 @@ class HandModel:
             return asked
         return (low, high) if high - low < _TWO_TURNS else FREE_TURN
 
+    @property
+    def home_yaw(self) -> float:
+        """Yaw of the palm at home about z of A, in radians, which is 0 for a carrier.
+
+        If the palm at home does not face along z of A, it is the yaw of the nearest palm that does.
+        """
+        R_AU = (self.base.X_AW @ self.X_LA).inverse().rotation().matrix()
+        return float(np.arctan2(R_AU[1, 0] - R_AU[0, 1], R_AU[0, 0] + R_AU[1, 1]))
+
     def check_contacts(self, p_OC: FloatArray, normals: FloatArray) -> None:
         """Checks that no contact is on a face that is forbidden to its finger.
 

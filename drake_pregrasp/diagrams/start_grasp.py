@@ -138,6 +138,7 @@ def start_contacts_of(
             friction=config.planned_friction,
             normal_forces=np.array(np.broadcast_arrays(forces.least_force, forces.largest_force)),
             touch_force=GENTLE * forces.touch_force,
+            yaw=hand.home_yaw,
             yaw_range=yaw_range,
             least_fingers=forces.least_fingers,
             patch_radii=hand.description.patch_radii,

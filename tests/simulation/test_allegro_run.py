@@ -93,6 +93,15 @@ def test_the_arm_holds_the_palm_and_the_hand_is_far_from_its_largest_torques(han
     np.testing.assert_allclose(after, hand.base.X_AP.translation()[2], atol=2e-3)
 
 
+@pytest.mark.parametrize("yaw", [1.0, np.pi / 2, -2.0])
+def test_an_arm_that_is_turned_with_the_cube_takes_it_alike(allegro_panda, yaw):
+    text = f"initial_contacts: [], hand: {{file: {FILE}, rpy: [0, 0, %g]}}, motion: {{yaw: %g}}"
+    before, turned = (load_resolved(NAME, text=f"{{{text % (a, a)}}}") for a in (0.0, yaw))
+    np.testing.assert_allclose(turned.start.p_OC, before.start.p_OC, atol=1e-12)
+    assert turned.start.yaw == pytest.approx(before.start.yaw + yaw, abs=1e-5)
+    assert turned.hand.home_yaw == pytest.approx(before.hand.home_yaw + yaw, abs=1e-5)
+
+
 @pytest.mark.parametrize("yaw", [-1.0, 0.0, 1.2])
 @pytest.mark.parametrize("p_WO", [[0.0, 0.0, 0.0325], [0.2, 0.0, 0.0325], [0.1, 0.1, 0.15]])
 def test_the_arm_brings_the_palm_and_the_tips_over_the_object(hand, p_WO, yaw):
