@@ -53,11 +53,15 @@ class DepthSensor(Diagram):
         output_ports:
         - point_cloud
         - measurement_time
+        - depth_image_0
 
     Port `query_object` accepts SceneGraph's `QueryObject`, with everything that the cameras see:
     geometries with the perception role. Drake's VTK renderer takes the pictures, with a
     `RgbdSensor` for each camera, of a copy of this scene. In the copy, spheres and capsules have no
     more facets than they need to be within 0.5 mm, since the time of a picture grows with facets.
+
+    Port `depth_image_0` emits the depth picture of the first camera, an `ImageDepth32F` in metres.
+    Further cameras have `depth_image_1` and so on.
 
     The other ports are those of `ObjectPoints`, which documents them; there is no `hand_state`
     without a hand.
@@ -98,6 +102,8 @@ class DepthSensor(Diagram):
         if hand is not None:
             export_inputs(builder, "hand_state", points)
         export_outputs(builder, points, "point_cloud measurement_time")
+        for index, sensor in enumerate(cameras):
+            builder.ExportOutput(sensor.depth_image_32F_output_port(), f"depth_image_{index}")
         builder.BuildInto(self)
 
 

@@ -270,6 +270,7 @@ class LiveRun:
             self._resolved,
             sink=self._add_tick,
             grasp_sink=self.timeline.add_grasp if self.scenario.has_hand else None,
+            picture_sink=self.timeline.add_picture,
             meshcat=self._meshcat,
             record=self._is_recording,
             live=True,

@@ -242,6 +242,7 @@ class LoggedRun:
             resolved,
             sink=add_tick,
             grasp_sink=None if grasp_log is None else add_grasp,
+            picture_sink=None if meshcat is None else timeline.add_picture,
             meshcat=meshcat,
             record=True,
             camera=camera,

@@ -33,7 +33,10 @@ from drake_pregrasp.systems.sources import (
 )
 from drake_pregrasp.systems.visible_share import VisibleShare
 from drake_pregrasp.visualization.obstacle_visualizer import ObstacleVisualizer
+from drake_pregrasp.visualization.picture_logger import PictureLogger, PictureSink
 from drake_pregrasp.visualization.point_visualizer import PointVisualizer
+
+_PICTURE_PERIOD = 0.1  # Least time between logged pictures, in seconds.
 
 
 def make_diagram(
@@ -41,6 +44,7 @@ def make_diagram(
     *,
     sink: Callable[[TickRecord], None] | None = None,
     grasp_sink: Callable[[GraspRecord], None] | None = None,
+    picture_sink: PictureSink | None = None,
     meshcat: Meshcat | None = None,
     record: bool = False,
     live: bool = False,
@@ -55,6 +59,7 @@ def make_diagram(
         scenario: Scenario to simulate.
         sink: Function that is called with a record of each planning tick.
         grasp_sink: Function that is called with a record of each control tick of a hand.
+        picture_sink: Function that is called with the pictures of depth cameras.
         meshcat: Viewer for all drawings; None for no drawings.
         record: Whether the viewer records the simulation.
         live: Whether a viewer that records also shows the simulation, which doubles the time for
@@ -88,10 +93,17 @@ def make_diagram(
     _add_logger(builder, resolved, plant, planner, sink)
     if hand is not None and grasp_sink is not None:
         _add_grasp_logger(builder, resolved, plant, hand, grasp_sink)
+    period = resolved.scenario.recording.publish_period
+    if picture_sink is not None and isinstance(sensor, DepthSensor):
+        depth = resolved.scenario.depth_sensor
+        slower = max(period, depth.period, _PICTURE_PERIOD)
+        pictures = PictureLogger(depth.cameras, period=slower, sink=picture_sink)
+        builder.AddNamedSystem("picture_logger", pictures)
+        for index in range(len(depth.cameras)):
+            connect(builder, sensor, f"depth_image_{index}", pictures)
     if meshcat is not None:
         _add_obstacle_drawings(builder, resolved, meshcat)
         if isinstance(sensor, DepthSensor):
-            period = resolved.scenario.recording.publish_period
             points = PointVisualizer(meshcat=meshcat, publish_period=period)
             builder.AddNamedSystem("point_visualizer", points)
             connect(builder, sensor, "point_cloud", points)

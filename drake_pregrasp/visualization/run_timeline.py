@@ -1,5 +1,6 @@
 """Timeline of a run in words: states over time and captions of events, for pages with a scene."""
 
+import base64
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,6 +18,8 @@ from drake_pregrasp.visualization.drawing import contact_color, hex_color
 
 MEASURES = ("q_msv", "q_gii", "q_vew")
 """Measures of the paper's Table II, by their columns in `log.csv`."""
+
+_CAMERAS = 8  # Largest number of cameras.
 
 OVERLAY = Path(__file__).with_name("run_timeline.html")
 """Part of a page that shows a timeline."""
@@ -81,6 +84,7 @@ class RunTimeline:
         self.states: dict[str, str] = {}
         self._changes: list[tuple[float, str, str]] = []
         self._events: list[tuple[float, str]] = []
+        self._pictures: list[tuple[float, int, str]] = []
 
     def add_tick(self, record: TickRecord) -> None:
         """Adds a planning tick."""
@@ -119,6 +123,11 @@ class RunTimeline:
         if self._waits:
             self._set("meeting", _describe_meeting(phase, *record.catch_certificate[:2]))
 
+    def add_picture(self, time: float, camera: int, png: bytes) -> None:
+        """Adds the picture of a camera, given by its index, at a time in seconds."""
+        source = "data:image/png;base64," + base64.b64encode(png).decode()
+        self._pictures.append((time, camera, source))
+
     def tell(self, text: str) -> None:
         """Adds a caption at the present time."""
         self._events.append((self._time, text))
@@ -134,12 +143,15 @@ class RunTimeline:
 
     def data(self) -> dict[str, Any]:
         """Returns the whole timeline as the overlay reads it."""
-        return self._page() | {"changes": self._changes, "events": self._events}
+        told = {"changes": self._changes, "events": self._events, "pictures": self._pictures}
+        return self._page() | told
 
     def now(self) -> dict[str, Any]:
         """Returns the present states and the last events only."""
         changes = [(0.0, row, text) for row, text in list(self.states.items())]
-        return self._page() | {"changes": changes, "events": self._events[-8:]}
+        newest = {camera: (0.0, camera, source) for _, camera, source in self._pictures[-_CAMERAS:]}
+        told = {"events": self._events[-8:], "pictures": list(newest.values())}
+        return self._page() | {"changes": changes} | told
 
     def _page(self) -> dict[str, Any]:
         texts = {"title": self._title, "names": self.finger_names, "colors": self._colors}

@@ -51,7 +51,7 @@ def made_diagrams():
     meshcat = Meshcat(MeshcatParams(host="localhost"))
     for name in SCENARIOS:
         scenario = load_scenario(name)
-        sinks = {"sink": print, "grasp_sink": print}
+        sinks = {"sink": print, "grasp_sink": print, "picture_sink": print}
         forces = [("object_drag", ObjectDrag)]
         yield make_diagram(scenario, meshcat=meshcat, forces=forces, **sinks)
 

@@ -1,5 +1,6 @@
 """The timeline of a run: what it tells, and when."""
 
+import base64
 import json
 
 import numpy as np
@@ -103,3 +104,16 @@ def test_the_present_is_short_and_a_page_is_safe_from_its_title():
     page = timeline.added_to("<body></body>")
     assert "alert(1)</script>" not in page
     assert page.count("</body>") == 1
+
+
+def test_a_page_gets_all_pictures_and_the_present_the_newest_of_each_camera():
+    timeline = RunTimeline("title", 2)
+    for k in range(30):
+        for camera in range(2):
+            timeline.add_picture(0.1 * k, camera, f"{k}/{camera}".encode())
+    pictures = timeline.data()["pictures"]
+    assert len(pictures) == 60
+    assert pictures[-2][:2] == (pytest.approx(2.9), 0)
+    newest = [source for _, _, source in timeline.now()["pictures"]]
+    assert newest == [source for _, _, source in pictures[-2:]]
+    assert base64.b64decode(newest[1].partition(",")[2]) == b"29/1"
