@@ -26,6 +26,8 @@ _FEW = 80  # Points of the first steps.
 _COARSE = (0.03, 0.03, 0.02, 0.02, 0.015)  # Scales of the first steps, in metres.
 _FINALISTS = 24  # Best starts, which are aligned to all points.
 _YAWS, _UPRIGHT = 24, 6  # Turns about one axis, and finalists of the upright ones.
+_ALIKE = 0.003  # Largest distance of a surface from the same one, in metres.
+_SAMPLES = 500  # Points of the surface.
 _LIFTED = 3.0  # Standard deviations of a height that the table does not contradict.
 _SHIFTED = 8  # Best ends that are shifted.
 _ENDS = 2  # Passes over the scales of an alignment.
@@ -51,8 +53,9 @@ def register_pose(
     starts on it, and what the pose leaves between them counts as misfit, apart from three standard
     deviations of the height, to which an offset of the points contributes. From the best poses,
     further ones start: shifted so far that points of one side of a wall reach the other, and turned
-    about the axis about which the points tell least. Of poses that fit as well, such as those of a
-    symmetric object, the one that is turned least from the axes of W counts.
+    about the axis about which the points tell least. The best end counts, or, if the surface is the
+    same for ends that fit as well, as that of a symmetric object, the one that is turned least from
+    the axes of W.
 
     Args:
         grid: Signed distances of the object in O.
@@ -99,9 +102,23 @@ def register_pose(
     for turn in _turns(axis):
         add(turn @ end.R_WO, p_WA + turn @ (end.p_WO - p_WA))
     shift(1)
-    least = min(misfit for misfit, _ in ends) + AS_WELL
-    equal = [end for misfit, end in ends if misfit <= least]
+    least, (first,) = min(misfit for misfit, _ in ends) + AS_WELL, best(1)
+    p_WS = _surface(grid) @ first.R_WO.T + first.p_WO
+    equal = [
+        end
+        for misfit, end in ends
+        if misfit <= least and np.abs(grid.distances((p_WS - end.p_WO) @ end.R_WO)).max() < _ALIKE
+    ]
     return max(equal, key=lambda end: float(np.trace(end.R_WO)))
+
+
+def _surface(grid: DistanceGrid) -> FloatArray:
+    """Returns points on the surface in O, shape (k, 3), in metres."""
+    near = np.flatnonzero(np.abs(grid.nodes[:, 0]) < grid.cell)
+    near = near[:: max(1, len(near) // _SAMPLES)]
+    p_ON = grid.low + grid.cell * np.column_stack(np.unravel_index(near, grid.counts))
+    p_OS: FloatArray = p_ON - grid.nodes[near, :1] * grid.nodes[near, 1:]
+    return p_OS
 
 
 def _hidden_axis(found: Alignment) -> tuple[FloatArray, FloatArray]:

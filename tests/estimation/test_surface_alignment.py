@@ -179,6 +179,16 @@ def test_points_of_a_thin_wall_are_registered_on_their_side_of_it():
 
 
 @pytest.mark.slow
+def test_few_points_decide_between_poses_that_differ():
+    """Cameras almost in the middle plane of a lying mug hardly see whether its mouth is left."""
+    scene, rng = Scene("mug", cameras=2), np.random.default_rng(3)
+    poses = [scene.resting(rng) for _ in range(49)]
+    for index in (10, 18, 48):
+        found = scene.seen.measured(scene.points(poses[index], 3 + index), 0.0, None)
+        assert scene.off(poses[index], found.R_WO, found.p_WO) < 3e-3
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(("cameras", "is_seen"), [(1, False), (2, True)])
 def test_the_turn_of_a_mug_is_uncertain_while_its_handle_is_hidden(cameras, is_seen):
     """The mug lies on its handle. Only the second camera sees the handle."""
