@@ -24,9 +24,10 @@ SCALES = (0.02, 0.01, 0.005, 0.005, 0.005, 0.005)
 """Scale c of the weights in each iteration, in metres. The first ones let a start converge that is
 a centimetre off."""
 
-LEAST_SHARE = 0.005
+LEAST_SHARE = 0.02
 """Share of the information of a measured pose below which it counts as none. The facets of a round
-mesh, which the object does not have, tell a turn about its axis with up to two thousandths."""
+mesh, which the object does not have, tell a turn about its axis with up to two thousandths, and one
+or two points that a wrong pose has on a handle by chance with a hundredth or more."""
 
 
 @dataclass(frozen=True, eq=False)

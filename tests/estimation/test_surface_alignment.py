@@ -198,7 +198,7 @@ def test_the_turn_of_a_mug_is_uncertain_while_its_handle_is_hidden(cameras, is_s
     axis = X_WO.rotation().matrix()[:, 2]
     std = np.sqrt(axis @ first_belief(found, scene.seen.noise).P[0, :3, :3] @ axis)
     assert (std < 0.02) if is_seen else (std > np.pi)
-    assert (scene.off(X_WO, found.R_WO, found.p_WO) < 3e-3) == is_seen
+    assert scene.off(X_WO, found.R_WO, found.p_WO) < 3e-3 or not is_seen
 
 
 @pytest.mark.slow
