@@ -28,7 +28,7 @@ _FINALISTS = 24  # Best starts, which are aligned to all points.
 _YAWS, _UPRIGHT = 24, 6  # Turns about one axis, and finalists of the upright ones.
 _ALIKE = 0.003  # Largest distance of a surface from the same one, in metres.
 _SAMPLES = 500  # Points of the surface.
-_LIFTED = 3.0  # Standard deviations of a height that the table does not contradict.
+_LIFTED = 3.0  # Standard deviations of a height that the table hardly contradicts.
 _SHIFTED = 8  # Best ends that are shifted.
 _ENDS = 2  # Passes over the scales of an alignment.
 _WALL = 0.005  # Shift by which points come to the other side of a thin wall, in metres.
@@ -50,12 +50,12 @@ def register_pose(
     """Returns the pose that fits points best, out of alignments from many orientations.
 
     The middle of the object's bounding box starts at that of the points. On a table, the object
-    starts on it, and what the pose leaves between them counts as misfit, apart from three standard
-    deviations of the height, to which an offset of the points contributes. From the best poses,
-    further ones start: shifted so far that points of one side of a wall reach the other, and turned
-    about the axis about which the points tell least. The best end counts, or, if the surface is the
-    same for ends that fit as well, as that of a symmetric object, the one that is turned least from
-    the axes of W.
+    starts on it, and what the pose leaves between them counts as misfit: little within three
+    standard deviations of the height, to which an offset of the points contributes. From the best
+    poses, further ones start: shifted so far that points of one side of a wall reach the other, and
+    turned about the axis about which the points tell least. The best end counts. If others that fit
+    as well have the same surface, as those of a symmetric object, the one that is turned least from
+    the axes of W counts.
 
     Args:
         grid: Signed distances of the object in O.
@@ -133,10 +133,11 @@ def _hidden_axis(found: Alignment) -> tuple[FloatArray, FloatArray]:
 
 
 def _misfit(found: Alignment, corners: FloatArray, count: int, slack: float) -> float:
-    """Returns the share of points that do not fit, and what the table adds beyond the slack."""
+    """Returns the share of points that do not fit, and what the table adds, little within slack."""
     height = abs(float(np.min(corners @ found.R_WO[2])) + found.p_WO[2])
-    scale, beyond = SCALES[-1], max(0.0, height - slack)
-    return float(2 - found.fits / count - (scale**2 / (scale**2 + beyond**2)) ** 2)
+    scale, beyond, share = SCALES[-1], max(0.0, height - slack), min(1.0, height / slack)
+    on_table = (scale**2 / (scale**2 + beyond**2)) ** 2 - AS_WELL * share**2
+    return float(2 - found.fits / count - on_table)
 
 
 def _turns(axis: FloatArray) -> FloatArray:
