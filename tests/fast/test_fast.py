@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -265,6 +265,10 @@ def test_slips_are_those_of_the_reference(seed, n, edges, radius, friction):
         slip_radii(surface, frozen(p_OC), frozen(nhat), radius, friction)
         for slip_radii in (COMPILED.slip_radii(), slip_radii_within)
     )
+    if not np.allclose(fast, reference, rtol=0, atol=1e-9):  # On a knife's edge, rounding decides.
+        less = friction * (1 - 1e-6)
+        nearby = slip_radii_within(surface, frozen(p_OC), frozen(nhat), radius, less)
+        assume(np.allclose(nearby, reference, rtol=0, atol=1e-4))
     np.testing.assert_allclose(fast, reference, rtol=0, atol=1e-9)
     grasp = p_OC - surface.p_OCoM, nhat, friction
     fast = min_weight_margin(*grasp, solve=COMPILED.largest_minimum())
