@@ -94,7 +94,9 @@ def register_pose(
             for step in _WALL * np.vstack([np.eye(3), -np.eye(3)]):
                 add(end.R_WO, end.p_WO + step)
 
-    for k in {*np.argsort(misfits)[:_FINALISTS], *np.argsort(misfits[:_YAWS])[:_UPRIGHT]}:
+    # The first start is not turned: of the poses of a symmetric object, it finds the least turned.
+    best_upright = np.argsort(misfits[:_YAWS])[:_UPRIGHT]
+    for k in {0, *np.argsort(misfits)[:_FINALISTS].tolist(), *best_upright.tolist()}:
         add(found[k].R_WO, found[k].p_WO)
     shift(_SHIFTED)
     (end,) = best(1)

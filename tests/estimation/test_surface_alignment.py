@@ -168,6 +168,20 @@ def test_the_table_does_not_turn_what_a_camera_shows_at_a_wrong_height():
     assert right == count
 
 
+def test_of_the_poses_of_a_cube_the_one_turned_least_from_the_axes_of_w_is_chosen():
+    cube = trimesh.creation.box([0.065] * 3)
+    grid, align = distance_grid(cube), default_kernels().align_pose()
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        yaw = rng.uniform(-0.7, 0.7)
+        R = Rotation.from_euler("z", yaw).as_matrix()
+        p_OQ, faces = trimesh.sample.sample_surface(cube, 1200, seed=seed)
+        p_OQ = p_OQ[cube.face_normals[faces] @ R.T @ [0.45, -0.45, 0.4] > 0][:400]
+        p_WQ = p_OQ @ R.T + [0.1, 0.0, 0.0325] + rng.normal(scale=1e-3, size=p_OQ.shape)
+        found = register_pose(grid, cube.vertices, p_WQ, STD, point_std=1e-3, align=align)
+        np.testing.assert_allclose(found.R_WO, R, atol=0.03)
+
+
 @pytest.mark.slow
 def test_points_of_a_thin_wall_are_registered_on_their_side_of_it():
     """Alignments alone end with the wall of a mug on the wrong side of its points."""
