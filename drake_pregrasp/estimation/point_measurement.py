@@ -1,7 +1,7 @@
 """Measurement of a pose by the points that cameras see."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -50,7 +50,7 @@ class SeenObject:
     def measured(
         self, p_WQ: FloatArray, time: float, belief: PoseBelief | None, *, is_followed: bool = True
     ) -> PoseMeasurement:
-        """Returns the part of a pose that points measure, or no measurement if too few fit.
+        """Returns the part of a pose that points measure; it is NaN if too few fit.
 
         Args:
             p_WQ: The points in W, shape (N, 3), in metres.
@@ -61,8 +61,9 @@ class SeenObject:
         """
         least = float(self.fewest)
         std = np.sqrt(np.repeat(self.noise.variances, 3))
+        nothing = replace(NO_MEASUREMENT, time=time, p_WO=np.full(3, np.nan))
         if len(p_WQ) < least:
-            return NO_MEASUREMENT
+            return nothing
         found = None if belief is None else self._followed(p_WQ, time, belief, std)
         if found is None or not is_followed:
             least = max(least, _REGISTERED * len(p_WQ))
@@ -79,7 +80,7 @@ class SeenObject:
             if found is None or not found.fits > registered.fits - AS_WELL * len(p_WQ):
                 found = registered
         if not (found.fits >= least and np.isfinite(found.p_WO).all()):
-            return NO_MEASUREMENT
+            return nothing
         return measured_part(time, found, std)
 
     def _followed(

@@ -60,7 +60,10 @@ def update_track(
     is_recent = now - OLDEST <= time <= now + _SLACK
     X = np.concatenate([measurement.R_WO, measurement.p_WO[:, None]], axis=1)
     if not (is_recent and is_valid_pose(X)):
-        return replace(track, verdict=MeasurementVerdict.UNUSABLE)
+        last_seen = track.last_seen.copy()
+        if is_recent:  # Its time is known from now on.
+            last_seen[0] = max(last_seen[0], time)
+        return replace(track, last_seen=last_seen, verdict=MeasurementVerdict.UNUSABLE)
     seen = pack(measurement)
     if time - newest_time > _SILENCE:  # Also without a belief, whose time is -inf.
         return _begun(track, seen, measurement, settings)

@@ -33,7 +33,12 @@ from drake_pregrasp.estimation.pose_belief import (
     no_belief,
 )
 from drake_pregrasp.estimation.pose_filter import origin_covariance, predict, predicted_mean
-from drake_pregrasp.estimation.pose_track import FOLLOWED, PoseTrack, TrackingStatus
+from drake_pregrasp.estimation.pose_track import (
+    FOLLOWED,
+    PoseTrack,
+    TrackerSettings,
+    TrackingStatus,
+)
 from drake_pregrasp.estimation.pose_tracker import OLDEST, update_track
 from drake_pregrasp.estimation.surface_alignment import SurfacePoints
 from drake_pregrasp.fast import default_kernels
@@ -269,8 +274,7 @@ class PoseEstimator(LeafSystem):
         if self._V_WO_held.HasValue(context):
             V_held = self._twist(context, self._merged(track.newest))
             track = track.with_twist(V_held, time - self._period / 2)
-        is_carried = self._noise.gravity and self._is_held(context)
-        settings = self._held_settings if is_carried else self._settings
+        settings = self._settings_of(context) if self._noise.gravity else self._settings
         track = update_track(track, self._measured(context, track), time, settings)
         return track, self._merged(track.newest)
 
@@ -286,7 +290,8 @@ class PoseEstimator(LeafSystem):
         touches, solid = self._touching(context), self._seen_object.solid
         contacts = Contacts(solid, self._p_OCoM, touches, rests, config.touch_std)
         dt = max(0.0, time - belief.time)
-        track = track.with_newest(felt(track.newest, dt, contacts, self._noise, self._merged))
+        assumed = self._settings_of(context).noise, self._merged
+        track = track.with_newest(felt(track.newest, dt, contacts, *assumed))
         return track, self._merged(track.newest)
 
     def _measured(self, context: Context, track: PoseTrack) -> PoseMeasurement:
@@ -311,7 +316,12 @@ class PoseEstimator(LeafSystem):
         before, is_followed = track.before(measured_at), self._status(track, now) in FOLLOWED
         belief = self._merged(before) if before.time > -np.inf else None
         p_WQ = points_in(self._point_cloud.Eval(context))
-        return self._seen_object.measured(p_WQ, measured_at, belief, is_followed=is_followed)
+        seen = replace(self._seen_object, noise=self._settings_of(context).noise)
+        return seen.measured(p_WQ, measured_at, belief, is_followed=is_followed)
+
+    def _settings_of(self, context: Context) -> TrackerSettings:
+        """Returns the settings of the checks: what a hand holds does not fall."""
+        return self._held_settings if self._is_held(context) else self._settings
 
     def _status(self, track: PoseTrack, time: float) -> TrackingStatus:
         config = self._config
