@@ -142,7 +142,9 @@ class SensorMemory:
     Attributes:
         tick: Index of the tick; -inf before the first.
         occluded_until: First tick after the occlusions so far; -inf if there was none.
-        frozen_until: The same for the freezing of values.
+        hidden_until: First tick at which an object that was hidden is measured again; -inf if it
+            was never hidden.
+        frozen_until: First tick after the freezing of values so far; -inf if there was none.
         stamp: Time of the measurement that arrived last, in seconds; -inf if none has.
         pose: Pose of the measurement that arrived last, shape (12,); NaN if there is none.
         is_frozen: Whether a value is repeated.
@@ -153,6 +155,7 @@ class SensorMemory:
 
     tick: float
     occluded_until: float
+    hidden_until: float
     frozen_until: float
     stamp: float
     pose: FloatArray
@@ -173,7 +176,7 @@ class SensorMemory:
         no_pose = np.full(POSE_SIZE, np.nan)
         under_way = np.full((capacity, 2 + POSE_SIZE), np.inf)
         never = -np.inf
-        return SensorMemory(never, never, never, never, no_pose, False, no_pose, under_way)
+        return SensorMemory(never, never, never, never, never, no_pose, False, no_pose, under_way)
 
 
 def next_memory(
@@ -191,7 +194,7 @@ def next_memory(
 
     1. A measurement is taken at this tick, or not.
     2. While the value is frozen, it is that of the burst's first measurement, with a new time.
-    3. While the object is occluded, the measurement is lost.
+    3. While the object is occluded or hidden, the measurement is lost.
     4. The measurement arrives at the first tick after delay and jitter. If several arrive at one
        tick, the one that was taken last counts. An out-of-sequence measurement, which arrives after
        a later one, counts only if `out_of_order`.
@@ -214,7 +217,7 @@ def next_memory(
         memory = SensorMemory.empty(faults, period)
     memory = _with_bursts(memory, tick, faults, period, seed)
     if hidden:
-        memory = replace(memory, occluded_until=max(memory.occluded_until, tick + hidden))
+        memory = replace(memory, hidden_until=max(memory.hidden_until, tick + hidden))
     taken, acts = is_taken(tick, faults, period), faults.act_at(tick, period)
     frozen = memory.frozen if memory.is_frozen and memory.tick == tick - 1 else None
     if not (acts and tick < memory.frozen_until):
@@ -222,7 +225,8 @@ def next_memory(
     elif frozen is None and taken:
         frozen = pose
     sent = memory.under_way
-    if taken and not (acts and tick < memory.occluded_until):
+    is_lost = (acts and tick < memory.occluded_until) or tick < memory.hidden_until
+    if taken and not is_lost:
         arrival = arrival_tick(tick, faults, period, seed)
         sent = np.vstack([sent, np.r_[time, arrival, pose if frozen is None else frozen]])
     has_arrived = sent[:, 1] <= tick

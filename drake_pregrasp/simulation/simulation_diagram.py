@@ -309,7 +309,9 @@ def _add_sensor(
     connect(builder, sensor, "X_WO_measured measurement_time", planner)
     if isinstance(camera := resolved.scenario.sensor, Camera):
         inspector = plant.scene_graph.model_inspector()
-        visible = VisibleShare(np.array(camera.position), resolved.surface.mesh, inspector)
+        frame = plant.plant.GetBodyFrameIdOrThrow(plant.plant.GetBodyByName("object").index())
+        p_WC, mesh = np.array(camera.position), resolved.surface.mesh
+        visible = VisibleShare(p_WC, mesh, inspector, frame)
         builder.AddNamedSystem("visible_share", visible)
         connect(builder, plant, "X_WO query_object", visible)
         connect(builder, visible, "visible_share", sensor)

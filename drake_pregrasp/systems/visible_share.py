@@ -1,20 +1,20 @@
-"""Share of an object's surface that a camera sees past other bodies."""
+"""The visible share of an object's surface."""
 
 import numpy as np
 import trimesh
 from pydrake.common.value import AbstractValue
-from pydrake.geometry import HalfSpace, QueryObject, Role, SceneGraphInspector, Sphere
+from pydrake.geometry import FrameId, HalfSpace, QueryObject, Role, SceneGraphInspector, Sphere
 from pydrake.systems.framework import Context, LeafSystem
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.geometry.solids import is_hidden
 from drake_pregrasp.systems.ports import POSE, declare_output
 
-_POINTS = 600  # Points on the surface, randomly chosen.
+_POINTS = 400  # Points on the surface, randomly chosen.
 
 
 class VisibleShare(LeafSystem):
-    """Tells how much of an object a camera sees.
+    """Computes the visible share of an object's surface.
 
     .. pydrake_system::
 
@@ -37,7 +37,7 @@ class VisibleShare(LeafSystem):
         p_WC: Position of the camera in W, shape (3,), in metres.
         mesh: Surface of the object in O.
         inspector: Inspector of the SceneGraph, with all its geometries.
-        body: Name of the object's body.
+        frame: Frame of the object in the SceneGraph.
     """
 
     def __init__(
@@ -45,8 +45,7 @@ class VisibleShare(LeafSystem):
         p_WC: FloatArray,
         mesh: trimesh.Trimesh,
         inspector: SceneGraphInspector,
-        *,
-        body: str = "object",
+        frame: FrameId,
     ) -> None:
         super().__init__()
         self._p_WC = np.asarray(p_WC)
@@ -54,16 +53,14 @@ class VisibleShare(LeafSystem):
         self._normals = mesh.face_normals[faces]
         self._ids, shapes = [], []
         for geometry in inspector.GetAllGeometryIds(Role.kPerception):
-            name, shape = (
-                inspector.GetName(inspector.GetFrameId(geometry)),
-                inspector.GetShape(geometry),
-            )
-            if name.split("::")[-1] != body and not isinstance(shape, HalfSpace):
+            shape = inspector.GetShape(geometry)
+            if inspector.GetFrameId(geometry) != frame and not isinstance(shape, HalfSpace):
                 self._ids.append(geometry)
                 shapes.append(shape)
         boxes = [inspector.GetObbInGeometryFrame(geometry) for geometry in self._ids]
         self._X_GB = [box.pose() for box in boxes]
         self._half = np.array([box.half_width() for box in boxes]).reshape(-1, 3)
+        self._radius = float(np.max(np.linalg.norm(mesh.vertices, axis=1)))
         self._is_ball = np.array([isinstance(shape, Sphere) for shape in shapes], dtype=bool)
         self._X_WO = self.DeclareAbstractInputPort("X_WO", POSE)
         model = AbstractValue.Make(QueryObject())
@@ -79,6 +76,15 @@ class VisibleShare(LeafSystem):
             return 0.0
         poses = zip(self._ids, self._X_GB, strict=True)
         X_WB = np.array([(query.GetPoseInWorld(id) @ X).GetAsMatrix34() for id, X in poses])
-        X_WB = X_WB.reshape(-1, 3, 4)
-        hidden = is_hidden(self._p_WC, p_WQ[facing], X_WB, self._half, self._is_ball)
+        near = self._near(X_WB.reshape(-1, 3, 4), X_WO.translation())
+        boxes = X_WB.reshape(-1, 3, 4)[near], self._half[near], self._is_ball[near]
+        hidden = is_hidden(self._p_WC, p_WQ[facing], *boxes)
         return float(np.mean(~hidden))
+
+    def _near(self, X_WB: FloatArray, p_WO: FloatArray) -> BoolArray:
+        """Returns which boxes may be between the camera and the object, by balls around them."""
+        way = p_WO - self._p_WC
+        share = (X_WB[:, :, 3] - self._p_WC) @ way / max(float(way @ way), 1e-12)
+        nearest = self._p_WC + np.clip(share, 0.0, 1.0)[:, None] * way
+        reach = np.linalg.norm(self._half, axis=1) + self._radius
+        return np.asarray(np.linalg.norm(X_WB[:, :, 3] - nearest, axis=1) <= reach)

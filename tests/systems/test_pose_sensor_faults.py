@@ -228,3 +228,13 @@ def test_what_a_camera_does_not_see_it_does_not_measure_nor_for_a_while_after(ga
     seen = [tick for tick in range(12) if not 3 <= tick < 6 + missed]
     expected = [T * max(s for s in seen if s <= tick) for tick in range(12)]
     np.testing.assert_allclose(times, expected)
+
+
+def test_what_is_hidden_is_not_measured_although_no_fault_acts():
+    camera = Camera(*STDS, MeasurementFaults(start=0.5), least_visible=0.3)
+    sensor = Sensor.__new__(SeenSensor)
+    Driven.__init__(sensor, NoisyPoseSensor(camera, period=T, seed=3), visible_share=[0.0])
+    for tick in range(20):
+        sensor.at_tick(tick)
+        assert sensor.array("measurement_time")[0] == -np.inf
+        sensor.update()

@@ -17,24 +17,28 @@ CAMERA = np.array([1.0, 0.0, 0.0])
 CUBE = trimesh.creation.box([0.1] * 3)
 
 
-def share(shape=None, X_WB=None, X_WO=None):
-    """Returns the visible share of a cube with a body in the scene."""
+def share(shape=None, X_WB=None, X_WO=None, X_FW=None):
+    """Returns the visible share of a cube with a body, in a scene that X_FW moves."""
+    X_FW = X_FW or RigidTransform()
     builder = RobotDiagramBuilder()
     plant = builder.plant()
+    bodies = {}
     for name, solid in (("object", Box(0.1, 0.1, 0.1)), ("link", shape)):
         if solid is not None:
-            body = plant.AddRigidBody(name, SpatialInertia.SolidCubeWithDensity(1e3, 0.1))
+            inertia = SpatialInertia.SolidCubeWithDensity(1e3, 0.1)
+            body = bodies[name] = plant.AddRigidBody(name, inertia)
             plant.RegisterVisualGeometry(body, RigidTransform(), solid, name, GREY)
     plant.Finalize()
     graph = builder.scene_graph()
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
     if shape is not None:
-        pose = X_WB or RigidTransform()
+        pose, body = X_FW @ (X_WB or RigidTransform()), bodies["link"]
         plant.SetFreeBodyPose(plant.GetMyMutableContextFromRoot(context), body, pose)
     query = graph.get_query_output_port().Eval(graph.GetMyContextFromRoot(context))
-    system = Driven(VisibleShare(CAMERA, CUBE, graph.model_inspector()))
-    system.fix(X_WO=X_WO or RigidTransform(), query_object=AbstractValue.Make(query))
+    frame = plant.GetBodyFrameIdOrThrow(bodies["object"].index())
+    system = Driven(VisibleShare(X_FW @ CAMERA, CUBE, graph.model_inspector(), frame))
+    system.fix(X_WO=X_FW @ (X_WO or RigidTransform()), query_object=AbstractValue.Make(query))
     return system.array("visible_share")[0]
 
 
@@ -73,3 +77,20 @@ def test_an_object_that_moves_behind_a_plate_is_hidden():
 
 def test_half_spaces_count_as_empty():
     assert share(HalfSpace(), RigidTransform([0, 0, -1])) == 1.0
+
+
+@pytest.mark.parametrize("shape", [Box(0.02, 0.05, 0.3), Sphere(0.03)])
+def test_a_rigid_motion_of_the_scene_changes_nothing(shape):
+    rng = np.random.default_rng(5)
+    for _ in range(4):
+        X_FW = RigidTransform(RollPitchYaw(*rng.uniform(-3, 3, 3)), rng.normal(size=3))
+        X_WB = RigidTransform(RollPitchYaw(*rng.uniform(-3, 3, 3)), [0.4, 0.02, 0.01])
+        X_WO = RigidTransform(RollPitchYaw(*rng.uniform(-3, 3, 3)), [0.0, 0.01, 0.0])
+        here = share(shape, X_WB, X_WO)
+        assert 0.05 < here < 0.95
+        assert share(shape, X_WB, X_WO, X_FW) == pytest.approx(here, abs=1e-9)
+
+
+def test_what_is_behind_the_camera_hides_nothing():
+    for shape in (Sphere(0.2), Box(0.2, 0.4, 0.4)):
+        assert share(shape, RigidTransform([1.3, 0, 0])) == 1.0
