@@ -35,6 +35,7 @@ from drake_pregrasp.estimation.fault_settings import MeasurementFaults
 from drake_pregrasp.estimation.pose_belief import PoseFilterNoise
 from drake_pregrasp.estimation.pose_track import MeasurementVerdict, TrackingStatus
 from drake_pregrasp.geometry.box_surface import box_surface
+from drake_pregrasp.geometry.mesh_solid import MeshSolid
 from drake_pregrasp.geometry.mesh_surface import mesh_surface
 from drake_pregrasp.geometry.shapes import load_shape
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
@@ -121,6 +122,7 @@ __all__ = [
     "MeetingConfig",
     "MeetingSettings",
     "Mesh",
+    "MeshSolid",
     "NoGraspError",
     "NoiseSource",
     "NoisyPoseSensor",

@@ -56,7 +56,7 @@ class CameraConfig:
         ahead, rays = np.subtract(self.target, self.position), p_WB - self.position
         across, away = (np.linalg.norm(v, axis=1) for v in (np.cross(rays, ahead), rays))
         centers = np.arctan2(across, rays @ ahead)
-        angles: FloatArray = centers - np.arcsin(np.minimum(radius / away, 1.0))
+        angles: FloatArray = centers - np.arcsin(radius / np.maximum(away, radius))
         return angles
 
 

@@ -48,6 +48,7 @@ from drake_pregrasp.simulation.grasp_check import grasp_problems, model_problems
 from drake_pregrasp.simulation.hand_file import HandFile, load_hand, made_hand
 from drake_pregrasp.simulation.obstacle_config import moving_solid
 from drake_pregrasp.simulation.scenario import TIME_STEP, Scenario
+from drake_pregrasp.simulation.sensor_check import unseen_problems
 from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 from drake_pregrasp.systems.sources import MovingSolid
 
@@ -189,7 +190,7 @@ def _resolved(scenario: Scenario, keep: ResolvedScenario | None) -> ResolvedScen
         planner = start_grasp.hand_planner(planner, scenario.grasp, model.description)
         _check_base(scenario, model, start.p_OC, shape)
     raise_first(scenario_check.obstacle_problems(scenario, shape))
-    raise_first(scenario_check.unseen_problems(scenario, shape))
+    raise_first(unseen_problems(scenario, shape))
     raise_first(scenario_check.limit_problems(scenario, planner.limits, count, surface))
     if model is not None:
         with errors_at("object"):

@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from trimesh.remesh import subdivide_to_size
 
 from drake_pregrasp.arrays import SLACK, tick_index
-from drake_pregrasp.config.camera_config import camera_problems, sight_problems
 from drake_pregrasp.config.finger_config import capability_at, remaining_contacts
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.object_config import (
@@ -28,9 +27,8 @@ from drake_pregrasp.config.object_config import (
     Push,
     Toss,
 )
-from drake_pregrasp.config.sensor_config import fault_problems
 from drake_pregrasp.contacts.strategies import BLEND, STRATEGIES
-from drake_pregrasp.diagrams.expected_path import expected_path, expected_poses
+from drake_pregrasp.diagrams.expected_path import expected_poses
 from drake_pregrasp.diagrams.hand_parsing import failures_as_errors
 from drake_pregrasp.diagrams.object_plant import MUJOCO
 from drake_pregrasp.errors import Problems, ScenarioError, errors_at, first_line, raise_first
@@ -41,6 +39,7 @@ from drake_pregrasp.regions.coordinates import GIVEN, QUANTITIES
 from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
 from drake_pregrasp.simulation.obstacle_config import moving_solid
 from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.sensor_check import sensor_problems
 from drake_pregrasp.systems.mujoco_model import import_mujoco
 
 MAX_TICKS = 5_000_000
@@ -70,10 +69,7 @@ def scenario_problems(
         surface: Surface of the object.
         plant: Configuration of the plant.
     """
-    for name, problem in fault_problems(scenario.sensor.faults, scenario.planner.period):
-        yield f"sensor.faults.{name}", problem
-    for name, problem in camera_problems(scenario.depth_sensor):
-        yield f"depth_sensor.{name}", problem
+    yield from sensor_problems(scenario)
     for index, obstacle in enumerate(scenario.obstacles):
         with errors_at(f"obstacles[{index}]"):
             obstacle.make_solid()
@@ -167,21 +163,6 @@ def obstacle_problems(scenario: Scenario, shape: Shape) -> Problems:
                 problem = f"at {time:.3g} s the object is {1e3 * depth:.3g} mm inside this body"
                 yield f"obstacles[{index}]", f"{problem}; move it, or set body: false"
                 break
-
-
-def unseen_problems(scenario: Scenario, shape: Shape) -> Problems:
-    """Yields the cameras that do not see the object anywhere on its expected path.
-
-    Args:
-        scenario: Scenario whose other values have been checked.
-        shape: Shape of the object.
-    """
-    if not scenario.depth_sensor.cameras:
-        return
-    path = expected_path(scenario.motion, scenario.simulation_duration, shape)
-    radius = float(np.max(np.linalg.norm(shape.mesh.vertices - shape.p_OCoM, axis=1)))
-    for name, problem in sight_problems(scenario.depth_sensor, path, radius):
-        yield f"depth_sensor.{name}", problem
 
 
 def check_recording(source: str, scenario: Scenario, surface: ObjectSurface) -> None:

@@ -8,9 +8,12 @@ from pydrake.geometry import (
     Box,
     Capsule,
     Convex,
+    Cylinder,
+    FrameId,
     GeometryId,
     Role,
     SceneGraphInspector,
+    Shape,
     Sphere,
 )
 from pydrake.math import RigidTransform
@@ -34,11 +37,15 @@ from drake_pregrasp.systems.pose_sensor import declare_seed
 
 _ROUND = (Sphere, Capsule)
 _EXACT = (*_ROUND, Box, Convex)
+_SIMPLE = (*_ROUND, Box, Cylinder)
 _MORE = 2  # Points that are compared with the hand, over those that are kept.
 
 
 class _Links(NamedTuple):
-    """Collision geometries, each inside a box with rounded edges.
+    """Geometries of a hand, each inside a box with rounded edges.
+
+    They are its collision geometries, and visual ones of simple shapes that no collision geometry
+    has, such as a mast that touches nothing.
 
     Attributes:
         ids: Each of the k geometries G.
@@ -48,7 +55,7 @@ class _Links(NamedTuple):
         bound: Radii of balls around the boxes, shape (k,), in metres.
         hulls: Outward normals and heights of the faces of geometries that are convex meshes, in B,
             by their index.
-        is_exact: Whether a geometry is its box or such a mesh, shape (k,).
+        is_exact: Whether a geometry counts as its box or is such a mesh, shape (k,).
     """
 
     ids: list[GeometryId]
@@ -61,12 +68,16 @@ class _Links(NamedTuple):
 
     @staticmethod
     def of(inspector: SceneGraphInspector) -> "_Links":
-        """Returns the collision geometries of a scene."""
+        """Returns the geometries of a scene."""
         ids = inspector.GetAllGeometryIds(Role.kProximity)
+        known = {_place(inspector, geometry) for geometry in ids}
+        seen = inspector.GetAllGeometryIds(Role.kPerception)
+        seen = [id for id in seen if isinstance(inspector.GetShape(id), _SIMPLE)]
+        ids += [id for id in seen if _place(inspector, id) not in known]
         shapes = [inspector.GetShape(geometry) for geometry in ids]
         boxes = [inspector.GetObbInGeometryFrame(geometry) for geometry in ids]
         X_GB = [box.pose() for box in boxes]
-        radius = np.array([s.radius() if isinstance(s, _ROUND) else 0.0 for s in shapes])
+        radius = np.array([_rounding(shape) for shape in shapes])
         core = np.array([box.half_width() for box in boxes]).reshape(-1, 3) - radius[:, None]
         bound = np.linalg.norm(core, axis=1) + radius
         hulls = {}
@@ -77,7 +88,8 @@ class _Links(NamedTuple):
                 normals = np.array([R_BG @ hull.face_normal(face) for face in faces])
                 places = [X_GB[index].inverse() @ hull.element_centroid(face) for face in faces]
                 hulls[index] = normals, np.einsum("fi,fi->f", normals, np.array(places))
-        is_exact = np.array([isinstance(s, _EXACT) for s in shapes], dtype=bool)
+        exact = [id in seen or isinstance(inspector.GetShape(id), _EXACT) for id in ids]
+        is_exact = np.array(exact, dtype=bool)
         return _Links(ids, X_GB, core, radius, bound, hulls, is_exact)
 
 
@@ -98,7 +110,7 @@ class ObjectPoints(LeafSystem):
     is evaluated once each period of the pictures. Further cameras have `camera_1` and so on.
 
     Port `hand_state` (optional) accepts a vector of 2 nq: positions and velocities of the joints of
-    `hand`. Points near its collision geometries at these positions are left out. If a position is
+    `hand`. Points near its geometries at these positions are left out. If a position is
     not finite, no point is kept.
 
     Port `point_cloud` emits a `PointCloud` in W: the points of the newest picture that has arrived,
@@ -166,9 +178,15 @@ class ObjectPoints(LeafSystem):
         return newest
 
     def _pictures(self, context: Context) -> FloatArray:
-        """Returns a copy of the pictures, oldest first: time and points, shape (k, 1 + 3 n)."""
-        pictures: FloatArray = context.get_discrete_state(self._index).value()
-        return pictures.reshape(-1, 1 + 3 * self._config.points).copy()
+        """Returns a copy of the pictures, oldest first: time and points, shape (k, 1 + 3 n).
+
+        If the clock was set back, those of a later time do not count.
+        """
+        stored: FloatArray = context.get_discrete_state(self._index).value()
+        pictures = stored.reshape(-1, 1 + 3 * self._config.points).copy()
+        is_later = pictures[:, 0] > context.get_time()
+        pictures[is_later, 0], pictures[is_later, 1:] = -np.inf, np.nan
+        return pictures[np.argsort(pictures[:, 0], kind="stable")]
 
     def _take_picture(self, context: Context, discrete_state: DiscreteValues) -> None:
         rows, p_WQ = self._pictures(context), self._visible(context)
@@ -228,6 +246,22 @@ class ObjectPoints(LeafSystem):
         plant = self._hand.plant()
         q = self._hand_state.Eval(context)[: plant.num_positions()]
         plant.SetPositions(plant.GetMyMutableContextFromRoot(posture), q)
+
+
+def _rounding(shape: Shape) -> float:
+    """Returns the radius of the edges of a shape's box: of a long cylinder, as of a capsule."""
+    is_round = isinstance(shape, _ROUND) or (
+        isinstance(shape, Cylinder) and shape.length() >= 2 * shape.radius()
+    )
+    return float(shape.radius()) if is_round else 0.0
+
+
+def _place(inspector: SceneGraphInspector, geometry: GeometryId) -> tuple[FrameId, bytes]:
+    """Returns the frame of a geometry, and its box there to a tenth of a millimetre."""
+    box = inspector.GetObbInGeometryFrame(geometry)
+    X_FB = inspector.GetPoseInFrame(geometry) @ box.pose()
+    numbers = np.append(X_FB.GetAsMatrix34(), box.half_width())
+    return inspector.GetFrameId(geometry), (np.round(numbers, 4) + 0.0).tobytes()
 
 
 def _cloud(picture: FloatArray) -> PointCloud:

@@ -19,7 +19,7 @@ from drake_pregrasp.visualization.drawing import contact_color, hex_color
 MEASURES = ("q_msv", "q_gii", "q_vew")
 """Measures of the paper's Table II, by their columns in `log.csv`."""
 
-_CAMERAS = 8  # Largest number of cameras.
+_PICTURES = 6000  # Largest number of pictures that are kept: those of a camera over ten minutes.
 
 OVERLAY = Path(__file__).with_name("run_timeline.html")
 """Part of a page that shows a timeline."""
@@ -85,6 +85,7 @@ class RunTimeline:
         self._changes: list[tuple[float, str, str]] = []
         self._events: list[tuple[float, str]] = []
         self._pictures: list[tuple[float, int, str]] = []
+        self._newest: dict[int, str] = {}
 
     def add_tick(self, record: TickRecord) -> None:
         """Adds a planning tick."""
@@ -126,7 +127,9 @@ class RunTimeline:
     def add_picture(self, time: float, camera: int, png: bytes) -> None:
         """Adds the picture of a camera, given by its index, at a time in seconds."""
         source = "data:image/png;base64," + base64.b64encode(png).decode()
-        self._pictures.append((time, camera, source))
+        self._newest[camera] = source
+        if len(self._pictures) < _PICTURES:
+            self._pictures.append((time, camera, source))
 
     def tell(self, text: str) -> None:
         """Adds a caption at the present time."""
@@ -149,8 +152,8 @@ class RunTimeline:
     def now(self) -> dict[str, Any]:
         """Returns the present states and the last events only."""
         changes = [(0.0, row, text) for row, text in list(self.states.items())]
-        newest = {camera: (0.0, camera, source) for _, camera, source in self._pictures[-_CAMERAS:]}
-        told = {"events": self._events[-8:], "pictures": list(newest.values())}
+        pictures = [(0.0, camera, source) for camera, source in list(self._newest.items())]
+        told = {"events": self._events[-8:], "pictures": pictures}
         return self._page() | {"changes": changes} | told
 
     def _page(self) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from driven import Driven
 from made_systems import cloud
 from pydrake.geometry import Sphere
 from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.tree import SpatialInertia
 from pydrake.planning import RobotDiagramBuilder
 from pydrake.systems.analysis import Simulator
@@ -167,7 +168,10 @@ def test_an_estimator_registers_points_and_follows_them():
     assert estimator.eval("tracking_status")[0] == dp.TrackingStatus.TRACKING
     assert np.linalg.norm(estimator.eval("V_WO_estimated").translational() - [0.2, 0, 0]) < 0.02
     estimator.at(0.6, point_cloud=cloud(seen_at(X_WO)[:5]), measurement_time=[0.6])
-    assert estimator.eval("measurement_verdict")[0] == NOTHING  # Too few of them fit.
+    assert estimator.eval("measurement_verdict")[0] == dp.MeasurementVerdict.UNUSABLE  # Too few.
+    estimator.update()
+    estimator.at(0.65)
+    assert estimator.eval("measurement_verdict")[0] == NOTHING  # The picture is known.
 
 
 def test_touches_correct_what_a_camera_with_a_wrong_place_shows():
@@ -191,6 +195,24 @@ def test_touches_correct_what_a_camera_with_a_wrong_place_shows():
         np.testing.assert_allclose(offset[:3], bias - left, atol=7e-4)
         stds = np.sqrt(offset[3:].reshape(3, 3).diagonal())
         np.testing.assert_allclose(stds > 0.003, np.abs(left) > 0)
+
+
+def test_what_a_hand_holds_and_touches_does_not_fall():
+    X_WO = RigidTransform([0.1, 0.05, 0.5])
+    p_WT = X_WO @ np.array([[0.059, 0, 0], [0, 0.049, 0], [0, 0, 0.039]]).T
+    config = dp.EstimatorConfig(bias_std=0.003, gravity=9.81)
+    estimator = Driven(
+        dp.PoseEstimator(config, period=0.01, object_solid=SOLID, tip_radii=np.full(3, 0.009)),
+        point_cloud=cloud(seen_at(X_WO)),
+        p_WT=p_WT.T.ravel(),
+        touching=np.ones(3),
+        V_WO_held=SpatialVelocity.Zero(),
+    )
+    for tick in range(40):  # A picture at every fifth tick.
+        estimator.at(0.01 * tick, measurement_time=[0.05 * (tick // 5)])
+        estimator.update()
+        error = estimator.eval("X_WO_estimated").translation() - X_WO.translation()
+        assert np.linalg.norm(error) < 1e-3
 
 
 def test_fingertips_feed_through_only_where_they_count():
