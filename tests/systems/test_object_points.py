@@ -197,6 +197,27 @@ def test_touches_correct_what_a_camera_with_a_wrong_place_shows():
         np.testing.assert_allclose(stds > 0.003, np.abs(left) > 0)
 
 
+def test_a_faster_filter_learns_no_more_from_the_same_touches():
+    X_WO, stds = RigidTransform([0.1, 0.05, 0.03]), []
+    p_WT = X_WO @ np.array([[0.059, 0, 0], [0, 0.049, 0]]).T
+    for period in (0.05, 0.01, 0.005):
+        config = dp.EstimatorConfig(bias_std=0.005, bias_time=1e6)
+        estimator = Driven(
+            dp.PoseEstimator(
+                config, period=period, object_solid=SOLID, tip_radii=np.full(2, 0.009)
+            ),
+            point_cloud=cloud(seen_at(X_WO)),
+            p_WT=p_WT.T.ravel(),
+            touching=[1.0, 1.0],
+        )
+        for tick in range(round(0.5 / period) + 1):
+            picture = 0.05 * ((tick * period + 1e-9) // 0.05)
+            estimator.at(tick * period, measurement_time=[picture])
+            estimator.update()
+        stds.append(np.sqrt(estimator.eval("camera_offset")[3:].reshape(3, 3).diagonal()[:2]))
+    np.testing.assert_allclose(stds[1:], [stds[0]] * 2, rtol=0.2)
+
+
 def test_what_a_hand_holds_and_touches_does_not_fall():
     X_WO = RigidTransform([0.1, 0.05, 0.5])
     p_WT = X_WO @ np.array([[0.059, 0, 0], [0, 0.049, 0], [0, 0, 0.039]]).T
