@@ -115,8 +115,8 @@ class EstimatorConfig:
     # Whether fingertips measure the pose: those that touch are on the surface, others outside.
     touch: bool = True
 
-    # Standard deviation of the distance of something that touches from the surface, in metres. It is
-    # that of the mean over 0.05 s if the period is shorter.
+    # Standard deviation of the distance of something that touches from the surface, in metres; with
+    # a period below 0.05 s, that of its mean over this time.
     touch_std: float = field(default=0.001, metadata=_STD | POSITION_NOISE)
 
     # Whether an object that no hand holds rests on the plane z = 0 of W.
