@@ -8,7 +8,7 @@ without contact keep their uncertainty.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,6 +31,8 @@ _VAGUE = 9e-4  # Variance of a distance, in m², besides the offset's, with whic
 _LARGEST_TURN = 0.2  # Standard deviation of a turn up to which distances are linear, in radians.
 _NEAR = 0.004  # Distance within the margin of the grid, in metres.
 _UP = np.array([0.0, 0.0, 1.0])
+_TOUCH_TIME = 0.05  # Seconds in which the error of a contact stays the same.
+_PUSHED = 1 / 16  # Variance of a touched object's motion in this time, over that of a touch.
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +45,8 @@ class Contacts:
         touches: Fingertips; a bound counts where it is violated.
         rests: Whether the lowest point of the object is on the plane z = 0 of W.
         std: Standard deviation of the height of that point, in metres.
+        pushed: Variance of the motion along the normal of each fingertip since the last contacts,
+            in m². It keeps an error that lasts from being averaged out.
     """
 
     solid: MeshSolid
@@ -50,6 +54,7 @@ class Contacts:
     touches: SurfacePoints
     rests: bool
     std: float
+    pushed: float = 0.0
 
     def residuals(
         self, R_WO: FloatArray, p_WCoM: FloatArray
@@ -96,6 +101,20 @@ class Contacts:
         return distances + np.einsum("ki,ki->k", p_OT - nearer, gradients), gradients
 
 
+def touch_noise(std: float, period: float) -> tuple[float, float]:
+    """Returns the standard deviation of a contact at each tick, and the variance of pushes.
+
+    More ticks in the same time tell no more. After many ticks, the standard deviation along the
+    normal stays about half of the one that is given.
+
+    Args:
+        std: Standard deviation of a contact, in metres.
+        period: Seconds between ticks.
+    """
+    at_tick = std * max(1.0, _TOUCH_TIME / period) ** 0.5
+    return at_tick, std**2 * _PUSHED * period / _TOUCH_TIME
+
+
 def felt(
     belief: PoseBelief,
     dt: float,
@@ -105,10 +124,12 @@ def felt(
 ) -> PoseBelief:
     """Returns a belief after contacts were measured at a later time.
 
-    Residual and Jacobian are those at the pose predicted for that time; what the motion may change
-    until then adds to the noise. A contact is left out if it is more than three standard deviations
-    from the prediction, or if the prediction is too vague to tell. A turn that no measurement has
-    shown, such as that of a can about its axis, is left as it is: distances are not linear in it.
+    A touch may push the object, so that its position becomes less certain along the normal before
+    it is measured. Residual and Jacobian are those at the pose predicted for that time; what the
+    motion may change until then adds to the noise. A contact is left out if it is more than three
+    standard deviations from the prediction, or if the prediction is too vague to tell. A turn that
+    no measurement has shown, such as that of a can about its axis, is left as it is: distances are
+    not linear in it.
 
     Args:
         belief: Belief before, at its time.
@@ -117,6 +138,7 @@ def felt(
         noise: Noise and motion that the filter assumes.
         merge: Implementation of `merged`.
     """
+    belief = _pushed(belief, dt, contacts, noise, merge)
     prior, after = merge(belief), belief
     Q = process_noise(noise, dt)[:, :6, :6]
     turns, axes = np.linalg.eigh(prior.P[0, :3, :3])
@@ -140,3 +162,18 @@ def felt(
         residual = -e[likely] - (coordinates(belief, R_at) - x) @ H.T
         after = correct(belief, residual, np.tile(H, (len(R), 1, 1)), R).belief
     return after
+
+
+def _pushed(
+    belief: PoseBelief,
+    dt: float,
+    contacts: Contacts,
+    noise: PoseFilterNoise,
+    merge: Callable[[PoseBelief], PoseBelief],
+) -> PoseBelief:
+    """Returns a belief with more variance along the normals of fingertips; arguments of `felt`."""
+    R_WO, p_WCoM, _ = predicted_mean(merge(belief), dt, noise.gravity)
+    _, J, _ = replace(contacts, rests=False).residuals(R_WO, p_WCoM)
+    P = belief.P.copy()
+    P[:, 3:6, 3:6] += contacts.pushed * J[:, 3:].T @ J[:, 3:]
+    return replace(belief, P=P)

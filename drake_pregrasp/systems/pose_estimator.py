@@ -23,7 +23,7 @@ from drake_pregrasp.arrays import (
 from drake_pregrasp.config.planner_config import EstimatorConfig, tracker_settings
 from drake_pregrasp.config.validation import checked
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.estimation.contact_measurement import Contacts, felt
+from drake_pregrasp.estimation.contact_measurement import Contacts, felt, touch_noise
 from drake_pregrasp.estimation.point_measurement import SeenObject
 from drake_pregrasp.estimation.pose_belief import (
     NO_MEASUREMENT,
@@ -57,7 +57,6 @@ from drake_pregrasp.systems.ports import (
 WAITING_STD = 1.0
 """Standard deviation of the position before the first measurement, in metres."""
 
-_TOUCH_TIME = 0.05  # Seconds in which the error of a contact stays the same.
 _UNKNOWN = np.full(6, np.nan)  # Twist of an object that no hand holds.
 
 
@@ -197,7 +196,7 @@ class PoseEstimator(LeafSystem):
         if place is None:
             raise InvalidArgumentError(f"p_OCoM must be three finite numbers, not {p_OCoM}")
         self._config, self._period, self._p_OCoM = config, period, place
-        self._touch_std = config.touch_std * max(1.0, _TOUCH_TIME / period) ** 0.5
+        self._touch_noise = touch_noise(config.touch_std, period)
         settings = tracker_settings(config, place if np.any(place) else None)
         kernels = kernels or default_kernels()
         self._settings = replace(settings, step=kernels.filter_step)
@@ -290,7 +289,7 @@ class PoseEstimator(LeafSystem):
         assert self._seen_object is not None
         rests = config.rests_on_table and not self._is_held(context)
         touches, solid = self._touching(context), self._seen_object.solid
-        contacts = Contacts(solid, self._p_OCoM, touches, rests, self._touch_std)
+        contacts = Contacts(solid, self._p_OCoM, touches, rests, *self._touch_noise)
         dt = max(0.0, time - belief.time)
         assumed = self._settings_of(context).noise, self._merged
         track = track.with_newest(felt(track.newest, dt, contacts, *assumed))
@@ -387,7 +386,7 @@ class PoseEstimator(LeafSystem):
         if not (self._config.touch and all(port.HasValue(context) for port in self._tips)):
             return SurfacePoints.seen(np.zeros((0, 3)), 0.0)
         p_WT, touching = (port.Eval(context) for port in self._tips)
-        p_WT, std = p_WT.reshape(-1, 3), np.full(len(touching), self._touch_std)
+        p_WT, std = p_WT.reshape(-1, 3), np.full(len(touching), self._touch_noise[0])
         tips = SurfacePoints(p_WT, self._tip_radii, std, touching <= 0)
         return tips.chosen(are_valid_points(p_WT) & np.isfinite(touching))
 
