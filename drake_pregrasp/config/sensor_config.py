@@ -67,8 +67,8 @@ class Camera(PoseErrors):
     # Standard deviation of the white noise along the ray from the camera to the object, in metres.
     ray_std: float = field(default=0.0001, metadata=_STD | POSITION_NOISE)
 
-    # Least share that is visible of the surface facing the camera; the object is not measured while
-    # the hand and other bodies hide more.
+    # Smallest visible share of the surface facing the camera at which the object is still measured.
+    # The hand and other bodies hide the rest.
     least_visible: float = field(default=0.05, metadata={"at_least": 0, "at_most": 1})
 
     # Seconds for which the object is still not measured once it is visible again.

@@ -53,9 +53,9 @@ def register_pose(
     starts on it, and what the pose leaves between them counts as misfit: little within three
     standard deviations of the height, to which an offset of the points contributes. From the best
     poses, further ones start: shifted so far that points of one side of a wall reach the other, and
-    turned about the axis about which the points tell least. The best end counts. If others that fit
-    as well have the same surface, as those of a symmetric object, the one that is turned least from
-    the axes of W counts.
+    turned about the axis about which the points tell least. The pose with the least misfit is
+    returned. If others that fit as well have the same surface, as those of a symmetric object, it
+    is the one that is turned least from the axes of W.
 
     Args:
         grid: Signed distances of the object in O.

@@ -267,10 +267,10 @@ def is_hidden(
     half_widths: FloatArray,
     is_ball: BoolArray,
 ) -> BoolArray:
-    """Returns which points a box or a ball hides from another point, shape (k,).
+    """Returns which points a box or a ball hides from a viewpoint, shape (k,).
 
     Args:
-        p_FP: The other point in F, shape (3,), in metres.
+        p_FP: The viewpoint in F, shape (3,), in metres.
         p_FQ: The points in F, shape (k, 3), in metres.
         X_FB: Poses of boxes, whose middle is Bo, shape (b, 3, 4).
         half_widths: Half widths of the boxes along the axes of B, shape (b, 3), in metres.

@@ -42,3 +42,12 @@ def test_each_camera_has_the_depths_around_its_target():
     assert near[2][0].tolist() == [128, 0]
     assert far[2][0].tolist() == [255, 128]
     assert (near[1], far[1]) == (0, 1)
+
+
+def test_pictures_come_at_the_period():
+    times = []
+    logger = PictureLogger([NEAR], period=0.1, sink=lambda time, *_: times.append(time))
+    image = ImageDepth32F(2, 2)
+    driven = Driven(logger, depth_image_0=AbstractValue.Make(image))
+    driven.advance(0.35)
+    np.testing.assert_allclose(times, [0.0, 0.1, 0.2, 0.3])

@@ -1,4 +1,4 @@
-"""What hides an object from a camera, in scenes whose answer is known."""
+"""The visible share of an object, in scenes whose answer is known."""
 
 import numpy as np
 import pytest
