@@ -119,7 +119,8 @@ class EstimatorConfig:
     # a period below 0.05 s, that of its mean over this time.
     touch_std: float = field(default=0.001, metadata=_STD | POSITION_NOISE)
 
-    # Whether an object that no hand holds rests on the plane z = 0 of W.
+    # Whether an object that no hand holds rests on the plane z = 0 of W, with a flat side if one is
+    # near the plane.
     rests_on_table: bool = False
 
     # Seconds by which a measurement is overdue when the status becomes coasting: goals then follow

@@ -3,16 +3,16 @@
 A camera with a wrong place shows the object displaced by a slowly changing offset. The filter
 estimates it beside the pose (`pose_filter`). Contacts in W do not share the offset, so that they
 measure the pose itself: the centre of a fingertip is a radius away from the surface, as a point of
-`surface_alignment`, and the lowest point of an object on the table has the height 0. Directions
-without contact keep their uncertainty.
+`surface_alignment`, and the flat side on which an object stands has the height 0, or its lowest
+point. Directions without contact keep their uncertainty.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.estimation.pose_belief import PoseBelief, PoseFilterNoise
 from drake_pregrasp.estimation.pose_filter import (
     coordinates,
@@ -24,6 +24,7 @@ from drake_pregrasp.estimation.pose_filter import (
 )
 from drake_pregrasp.estimation.surface_alignment import SurfacePoints
 from drake_pregrasp.geometry.mesh_solid import MeshSolid
+from drake_pregrasp.geometry.resting import FlatSide
 
 _PASSES = 2  # Linearizations of the distances.
 _GATE = 9.0  # Squared Mahalanobis distance up to which something touches: three deviations.
@@ -31,6 +32,7 @@ _VAGUE = 9e-4  # Variance of a distance, in m², besides the offset's, with whic
 _LARGEST_TURN = 0.2  # Standard deviation of a turn up to which distances are linear, in radians.
 _NEAR = 0.004  # Distance within the margin of the grid, in metres.
 _UP = np.array([0.0, 0.0, 1.0])
+_FLAT = np.cos(0.2)  # Of the largest angle between the table and a side that may stand on it.
 _TOUCH_TIME = 0.05  # Seconds in which the error of a contact stays the same.
 _PUSHED = 1 / 16  # Variance of a touched object's motion in this time, over that of a touch.
 
@@ -43,10 +45,12 @@ class Contacts:
         solid: The object in O.
         p_OCoM: Centre of mass in O, shape (3,), in metres.
         touches: Fingertips; a bound counts where it is violated.
-        rests: Whether the lowest point of the object is on the plane z = 0 of W.
-        std: Standard deviation of the height of that point, in metres.
+        rests: Whether the object is on the plane z = 0 of W.
+        std: Standard deviation of its height there, in metres.
         pushed: Variance of the motion along the normal of each fingertip since the last contacts,
             in m². It keeps an error that lasts from being averaged out.
+        sides: Flat sides on which it may stand. Without one near the plane, its lowest point is
+            there.
     """
 
     solid: MeshSolid
@@ -55,15 +59,16 @@ class Contacts:
     rests: bool
     std: float
     pushed: float = 0.0
+    sides: Sequence[FlatSide] = ()
 
     def residuals(
         self, R_WO: FloatArray, p_WCoM: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Returns residuals, shape (m,), their Jacobians and their standard deviations.
+    ) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+        """Returns residuals, shape (m,), Jacobians, standard deviations, and which are touches.
 
         An error (theta, p) of orientation and centre of mass changes the residual of a fingertip by
-        [(n x a)ᵀ, -nᵀ], with the outward normal n and the vector a from the centre of mass. The
-        table's normal is that of the object's lowest point.
+        [(n x a)ᵀ, -nᵀ], with the outward normal n and the vector a from the centre of mass. So it
+        does for points on the table, where n points down.
 
         Args:
             R_WO: Orientation, shape (3, 3).
@@ -79,12 +84,23 @@ class Contacts:
         n, std = gradients @ R_WO.T, touches.std[near]
         counts = ~(touches.is_bound[near] & (e > 0))
         a, e, n, std = a[counts], e[counts], n[counts], std[counts]
+        is_touch = ~touches.is_bound[near][counts]
         if self.rests:
-            corners = (self.solid.corners - self.p_OCoM) @ R_WO.T
-            lowest = corners[corners[:, 2].argmin()]
-            a, n = np.vstack([a, lowest]), np.vstack([n, -_UP])
-            e, std = np.append(e, p_WCoM[2] + lowest[2]), np.append(std, self.std)
-        return e, np.hstack([np.cross(n, a), -n]), std
+            below = (self._below(R_WO) - self.p_OCoM) @ R_WO.T
+            count = len(below)  # Together they tell the height as well as one point does.
+            a, n = np.vstack([a, below]), np.vstack([n, np.tile(-_UP, (count, 1))])
+            e = np.append(e, p_WCoM[2] + below[:, 2])
+            std = np.append(std, np.full(count, self.std * count**0.5))
+            is_touch = np.append(is_touch, np.zeros(count, dtype=bool))
+        return e, np.hstack([np.cross(n, a), -n]), std, is_touch
+
+    def _below(self, R_WO: FloatArray) -> FloatArray:
+        """Returns the points in O that are on the table, shape (m, 3), in metres."""
+        down = [side.nhat @ R_WO[2] for side in self.sides]
+        if down and min(down) < -_FLAT:
+            return self.sides[int(np.argmin(down))].p_OS
+        corners = self.solid.corners
+        return corners[[np.argmin(corners @ R_WO[2])]]
 
     def _refined(
         self, p_OT: FloatArray, distances: FloatArray, gradients: FloatArray
@@ -121,8 +137,10 @@ def felt(
     contacts: Contacts,
     noise: PoseFilterNoise,
     merge: Callable[[PoseBelief], PoseBelief] = merged,
-) -> PoseBelief:
-    """Returns a belief after contacts were measured at a later time.
+) -> tuple[PoseBelief, bool]:
+    """Returns a belief after contacts at a later time, and whether a fingertip confirms it.
+
+    A fingertip confirms the belief if it touches the surface where that is expected.
 
     A touch may push the object, so that its position becomes less certain along the normal before
     it is measured. Residual and Jacobian are those at the pose predicted for that time; what the
@@ -139,14 +157,14 @@ def felt(
         merge: Implementation of `merged`.
     """
     belief = _pushed(belief, dt, contacts, noise, merge)
-    prior, after = merge(belief), belief
+    prior, after, confirms = merge(belief), belief, False
     Q = process_noise(noise, dt)[:, :6, :6]
     turns, axes = np.linalg.eigh(prior.P[0, :3, :3])
     known = axes * (turns < _LARGEST_TURN**2) @ axes.T
     for _ in range(_PASSES):
         mean = merge(after)
         R_WO, p_WCoM, _ = predicted_mean(mean, dt, noise.gravity)
-        e, J, std = contacts.residuals(R_WO, p_WCoM)
+        e, J, std, is_touch = contacts.residuals(R_WO, p_WCoM)
         J[:, :3] = J[:, :3] @ known
         H = J @ transitions(mean, dt, noise)[0, :6]
         R = J @ Q @ J.T + np.diag(std**2)
@@ -157,11 +175,12 @@ def felt(
         is_known = variances <= _VAGUE + noise.bias**2
         likely = np.flatnonzero(is_known & (expected**2 <= _GATE * variances))
         if not len(likely):
-            return belief
+            return belief, False
+        confirms = bool(is_touch[likely].any())
         H, R = H[likely], R[:, likely[:, None], likely]
         residual = -e[likely] - (coordinates(belief, R_at) - x) @ H.T
         after = correct(belief, residual, np.tile(H, (len(R), 1, 1)), R).belief
-    return after
+    return after, confirms
 
 
 def _pushed(
@@ -173,7 +192,7 @@ def _pushed(
 ) -> PoseBelief:
     """Returns a belief with more variance along the normals of fingertips; arguments of `felt`."""
     R_WO, p_WCoM, _ = predicted_mean(merge(belief), dt, noise.gravity)
-    _, J, _ = replace(contacts, rests=False).residuals(R_WO, p_WCoM)
+    _, J, *_ = replace(contacts, rests=False).residuals(R_WO, p_WCoM)
     P = belief.P.copy()
     P[:, 3:6, 3:6] += contacts.pushed * J[:, 3:].T @ J[:, 3:]
     return replace(belief, P=P)

@@ -113,8 +113,8 @@ class PoseTrack:
         begun_at: Time up to which measurements can no longer be used, in seconds.
         confirmations: Number of measurements in a row that confirmed the belief, at most
             `CONFIRMATIONS`.
-        confirmed_at: Time of the last measurement with which the belief was confirmed, or of the
-            first measurement if there was none yet, in seconds.
+        confirmed_at: Time at which a measurement or a touch last confirmed the belief, or that of
+            the first measurement if none did yet, in seconds.
         noise: Measurement-noise estimate.
         verdict: Result of the check of the last measurement.
         innovation_squared: νᵀ S⁻¹ ν of position and orientation of the last measurement that was
@@ -152,11 +152,16 @@ class PoseTrack:
         """Placeholder for a missing alternative hypothesis, with the time -inf."""
         return np.full_like(self.alternative, -np.inf)
 
-    def with_newest(self, belief: PoseBelief) -> "PoseTrack":
-        """Returns the track with another belief after the newest measurement that was used."""
+    def with_newest(self, belief: PoseBelief, confirmed_at: float) -> "PoseTrack":
+        """Returns the track with another belief after the newest measurement that was used.
+
+        Args:
+            belief: The belief.
+            confirmed_at: Time at which it was last confirmed, in seconds.
+        """
         steps = self.steps.copy()
         steps[-1, MEASUREMENT_SIZE:] = pack(belief)
-        return replace(self, steps=steps)
+        return replace(self, steps=steps, confirmed_at=confirmed_at)
 
     def status(
         self, now: float, period: float, coast_after: float, lost_after: float

@@ -1,7 +1,10 @@
-"""Poses in which a body rests on a table."""
+"""Poses in which a body rests on a table, and the flat sides on which it stands."""
+
+from typing import NamedTuple
 
 import numpy as np
 import trimesh
+from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.arrays import FloatArray
@@ -14,6 +17,7 @@ MAX_HULL_TRIANGLES = 10_000
 FIRM = np.radians(1.0)
 """Least angle of a tilt out of a firm resting pose, in radians: less is lost by a jerk."""
 
+_STEADY = np.tan(np.radians(8.0))  # Least tilt over each edge of a flat side.
 _LEVEL = 1e-6  # Ratio of a height to the body's extent up to which a vertex is on the table.
 _EQUAL = 1e-3  # Difference of probabilities that are equal.
 _SAME_HEIGHT = 5e-3  # Difference of heights that are equal, over the largest height.
@@ -113,3 +117,43 @@ def stable_rotation(mesh: trimesh.Trimesh) -> FloatArray:
     turned = trimesh.Trimesh(rotation.apply(mesh.vertices), mesh.faces, process=False)
     R: FloatArray = settled_rotation(turned) @ rotation.as_matrix()
     return R
+
+
+class FlatSide(NamedTuple):
+    """Side of a body on which it stands.
+
+    Attributes:
+        nhat: Outward unit normal in O, shape (3,).
+        p_OS: Vertices of the side that are farthest apart, in O, shape (4, 3), in metres.
+    """
+
+    nhat: FloatArray
+    p_OS: FloatArray
+
+
+def flat_sides(corners: FloatArray, p_OCoM: FloatArray) -> list[FlatSide]:
+    """Returns the sides of a body that it falls off only if it is tilted by 8 degrees or more.
+
+    The facets of a round mesh, on which the body rolls, are narrower.
+
+    Args:
+        corners: Vertices of the convex hull in O, shape (k, 3), in metres.
+        p_OCoM: Centre of mass in O, shape (3,), in metres.
+    """
+    p = corners - p_OCoM
+    hull, level = ConvexHull(p), _LEVEL * float(np.max(np.ptp(p, axis=0)))
+    _, first = np.unique(hull.equations.round(_DIGITS), axis=0, return_index=True)
+    found: dict[bytes, FlatSide] = {}
+    for *nhat, offset in hull.equations[first]:
+        on_side = p @ nhat + offset > -level
+        _, _, axes = np.linalg.svd(p[on_side] + offset * np.array(nhat))
+        flat = p[on_side] @ axes[:2].T
+        if np.abs(flat).max() < -offset * _STEADY:  # The facets of a fine mesh are many.
+            continue
+        if -ConvexHull(flat).equations[:, 2].max() >= -offset * _STEADY:
+            one = np.linalg.norm(flat - flat.mean(axis=0), axis=1).argmax()
+            other = np.linalg.norm(flat - flat[one], axis=1).argmax()
+            aside = (flat - flat[one]) @ [[0, -1], [1, 0]] @ (flat[other] - flat[one])
+            ends = [one, other, aside.argmax(), aside.argmin()]
+            found[on_side.tobytes()] = FlatSide(np.array(nhat), corners[on_side][ends])
+    return list(found.values())

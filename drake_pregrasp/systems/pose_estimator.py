@@ -44,6 +44,7 @@ from drake_pregrasp.estimation.surface_alignment import SurfacePoints
 from drake_pregrasp.fast import default_kernels
 from drake_pregrasp.fast.kernels import Kernels
 from drake_pregrasp.geometry.mesh_solid import MeshSolid
+from drake_pregrasp.geometry.resting import FlatSide, flat_sides
 from drake_pregrasp.geometry.rotations import skew
 from drake_pregrasp.systems.ports import (
     CLOUD,
@@ -124,7 +125,8 @@ class PoseEstimator(LeafSystem):
 
     Ports `p_WT` and `touching` (optional) accept a vector of 3n, the fingertips' centres in W, in
     metres, and a vector of n, which is above 0 for each fingertip that touches the object. With
-    `touch` of `config`, they measure the pose without the offset of cameras (`felt`).
+    `touch` of `config`, they measure the pose without the offset of cameras (`felt`), and an object
+    that the hand hides is not lost while a fingertip touches it where it is expected.
 
     Port `X_WO_estimated` emits a `RigidTransform`: the estimated pose.
 
@@ -202,8 +204,9 @@ class PoseEstimator(LeafSystem):
         self._settings = replace(settings, step=kernels.filter_step)
         self._merged, self._noise = kernels.merged, settings.noise
         self._held_settings = replace(self._settings, noise=replace(self._noise, gravity=0.0))
-        self._seen_object = None
+        self._seen_object, self._flat_sides = None, list[FlatSide]()
         if object_solid is not None:
+            self._flat_sides = flat_sides(object_solid.corners, place)
             assumed = config.point_std, config.fewest_points, config.rests_on_table
             solid, align = object_solid, kernels.align_pose()
             self._seen_object = SeenObject(solid, self._noise, place, *assumed, align)
@@ -289,11 +292,13 @@ class PoseEstimator(LeafSystem):
         assert self._seen_object is not None
         rests = config.rests_on_table and not self._is_held(context)
         touches, solid = self._touching(context), self._seen_object.solid
-        contacts = Contacts(solid, self._p_OCoM, touches, rests, *self._touch_noise)
+        noise = self._touch_noise
+        contacts = Contacts(solid, self._p_OCoM, touches, rests, *noise, self._flat_sides)
         dt = max(0.0, time - belief.time)
         assumed = self._settings_of(context).noise, self._merged
-        track = track.with_newest(felt(track.newest, dt, contacts, *assumed))
-        return track, self._merged(track.newest)
+        belief, confirms = felt(track.newest, dt, contacts, *assumed)
+        track = track.with_newest(belief, confirmed_at=time if confirms else track.confirmed_at)
+        return track, self._merged(belief)
 
     def _measured(self, context: Context, track: PoseTrack) -> PoseMeasurement:
         """Returns what the input ports measure at a tick."""

@@ -17,6 +17,7 @@ from drake_pregrasp.estimation.pose_tracker import update_track
 from drake_pregrasp.estimation.surface_alignment import SurfacePoints, align_pose, measured_part
 from drake_pregrasp.fast import default_kernels
 from drake_pregrasp.geometry.mesh_solid import MeshSolid
+from drake_pregrasp.geometry.resting import flat_sides
 from drake_pregrasp.grasping.touch_correction import (
     corrected_pose,
     limited_offset,
@@ -46,6 +47,14 @@ def contacts(touches, rests=False):
     return Contacts(BOX, np.zeros(3), touches, rests, CONFIG.touch_std, PUSHED)
 
 
+def standing(solid=BOX):
+    return replace(contacts(tips(SIDES[:0]), rests=True), solid=solid, sides=sides_of(solid))
+
+
+def sides_of(solid):
+    return flat_sides(solid.corners, np.zeros(3))
+
+
 def shown(R=TURN, p=PLACE, bias=BIAS, noise=NOISE):
     """Belief after many pictures of the box at rest by a camera with a wrong place."""
     belief = first_belief(PoseMeasurement(0.0, p + bias, R), noise)
@@ -57,7 +66,7 @@ def shown(R=TURN, p=PLACE, bias=BIAS, noise=NOISE):
 def after(touches, times=1, rests=False, belief=None):
     belief = belief or shown()
     for _ in range(times):
-        belief = felt(belief, 0.0, contacts(touches, rests), NOISE)
+        belief, _ = felt(belief, 0.0, contacts(touches, rests), NOISE)
     return merged(belief)
 
 
@@ -115,6 +124,55 @@ def test_contacts_far_away_are_left_out():
     np.testing.assert_allclose(rested.b_W, 0.0, atol=1e-12)
 
 
+@pytest.mark.parametrize("axis", [[1.0, 0, 0], [0, 1, 0], [0.6, -0.8, 0]])
+def test_a_box_whose_top_is_hidden_stands_on_its_side(axis):
+    """Its lowest corner alone would leave height and tilt, and tilt it further at each tick."""
+    tilt = Rotation.from_rotvec(np.radians(2.0) * np.array(axis)).as_matrix()
+    lifted = np.add(PLACE, [0, 0, 0.002])
+    vague = replace(NOISE, orientation=0.05, position=0.003)
+    belief = shown(R=tilt @ TURN, p=lifted, bias=np.zeros(3), noise=vague)
+    for _ in range(20):
+        belief, _ = felt(belief, 0.0, standing(), NOISE)
+    mean = merged(belief)
+    assert np.degrees(np.arccos(mean.R_WO[0][2, 2])) < 0.3
+    assert mean.p_WCoM[0, 2] == pytest.approx(PLACE[2], abs=3e-4)
+    turn = Rotation.from_matrix(mean.R_WO[0] @ TURN.T).as_rotvec()
+    assert np.degrees(turn[2]) == pytest.approx(0.0, abs=0.1)
+
+
+def test_points_of_a_side_tell_the_height_as_well_as_one_point_does():
+    def variance(of):
+        return merged(felt(shown(), 0.0, of, NOISE)[0]).P[0, 5, 5]
+
+    one = contacts(tips(SIDES[:0]), rests=True)
+    assert variance(standing()) == pytest.approx(variance(one), rel=0.02)
+
+
+def test_what_lies_on_no_flat_side_may_roll():
+    mesh = trimesh.creation.cylinder(0.03, 0.11, sections=32)
+    lying = MeshSolid.of(
+        mesh.apply_transform(trimesh.transformations.rotation_matrix(0.03, [0, 0, 1]))
+    )
+    R = Rotation.from_euler("x", 90, degrees=True).as_matrix()
+    before = shown(R=R, p=np.add(PLACE, [0, 0, 0.001]), bias=np.zeros(3))
+    belief = merged(felt(before, 0.0, standing(lying), NOISE)[0])
+    np.testing.assert_allclose(belief.R_WO[0], merged(before).R_WO[0], atol=3e-3)
+    assert belief.p_WCoM[0, 2] < merged(before).p_WCoM[0, 2]
+
+
+def test_only_fingertips_that_touch_where_it_is_expected_confirm_a_belief():
+    belief, none = shown(bias=np.zeros(3)), tips(SIDES[:0])
+    for confirms, touches in (
+        (True, tips(SIDES[:1])),
+        (True, tips(SIDES[:3], gap=[[0.0], [0.06], [0.06]])),
+        (False, tips(SIDES[:3], gap=0.06)),
+        (False, tips(SIDES[:3], gap=-1e-3, is_bound=True)),
+        (False, none),
+    ):
+        for rests in (True, False):
+            assert felt(belief, 0.0, contacts(touches, rests), NOISE)[1] == confirms
+
+
 def test_a_turned_world_turns_all():
     here = after(tips(SIDES[[0, 2, 4]]))
     there = after(
@@ -130,7 +188,7 @@ def test_a_turned_world_turns_all():
 def test_an_offset_is_forgotten_in_its_time():
     """Its errors are then those of the position, too: what is shown stays as it is."""
     quiet = replace(NOISE, manoeuvre_rate=0.0)
-    belief = felt(shown(noise=quiet), 0.0, contacts(tips(SIDES)), quiet)
+    belief, _ = felt(shown(noise=quiet), 0.0, contacts(tips(SIDES)), quiet)
     late = predict(belief, 30.0, quiet)
     np.testing.assert_allclose(late.b_W, belief.b_W / np.e)
     forgotten = predict(belief, 1e3, quiet).P[0, 12:, 12:]
@@ -180,7 +238,8 @@ def squared_errors(seed, rests, ticks=30):
         touches = tips(SIDES[:3] if tick >= ticks // 2 else SIDES[:0], R=R, p=p)
         errors = rng.normal(scale=config.touch_std, size=(len(touches.radius), 1))
         touches = replace(touches, p_WQ=touches.p_WQ + errors * (SIDES[: len(errors)] @ R.T))
-        track = track.with_newest(felt(track.newest, 0.0, contacts(touches, rests), noise))
+        belief, _ = felt(track.newest, 0.0, contacts(touches, rests), noise)
+        track = track.with_newest(belief, track.confirmed_at)
         belief = merged(track.newest)
         theta, P = Rotation.from_matrix(R @ belief.R_WO[0].T).as_rotvec(), belief.P[0]
         e = np.concatenate([theta, p - belief.p_WCoM[0]]), bias - belief.b_W[0]
@@ -220,7 +279,7 @@ def test_the_hand_and_the_filter_do_not_correct_the_same_error_twice(estimated_f
     offset, touching = np.zeros(3), np.ones(3, dtype=bool)
     for tick in range(120):
         if tick % 5 == 0 and tick >= estimated_from:
-            belief = felt(belief, 0.0, contacts(touches), NOISE)
+            belief, _ = felt(belief, 0.0, contacts(touches), NOISE)
         mean = merged(belief)
         R_WG, p_WG = corrected_pose(mean.R_WO[0], mean.p_WCoM[0], np.zeros(3), offset)
         a = touches.p_WQ - p_WG
@@ -245,6 +304,6 @@ def test_contacts_do_not_turn_what_no_picture_has_shown_to_turn():
         n = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
         touch = replace(tips(SIDES[:1]), p_WQ=(PLACE + (0.04 + RADIUS) * n)[None])
         can = Contacts(MeshSolid.of(mesh), np.zeros(3), touch, False, CONFIG.touch_std)
-        after = merged(felt(belief, 0.0, can, NOISE))
+        after = merged(felt(belief, 0.0, can, NOISE)[0])
         np.testing.assert_allclose(after.R_WO[0], np.eye(3), atol=1e-4)
         assert after.b_W[0] @ n == pytest.approx(BIAS @ n, abs=1e-3)

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from drake_pregrasp.config.object_config import Box, Conveyor, Cylinder, Mesh
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.geometry import resting
-from drake_pregrasp.geometry.resting import settled_rotation, stable_rotation
+from drake_pregrasp.geometry.resting import flat_sides, settled_rotation, stable_rotation
 from drake_pregrasp.geometry.shapes import box_shape
 
 
@@ -153,3 +153,40 @@ def test_simple_solids_turn_with_their_meshes():
     assert shape.mesh.volume == pytest.approx(0.1 * 0.06 * 0.03)
     distances = shape.solid.distance(shape.mesh.vertices)
     np.testing.assert_allclose(distances, 0, atol=1e-12)
+
+
+def sides_of(mesh):
+    """The flat sides of a mesh, each with what it is to be: flat, tangent, and wide enough."""
+    corners, com = np.array(mesh.convex_hull.vertices), mesh.center_mass
+    found = flat_sides(corners, com)
+    for nhat, p_OS in found:
+        height = nhat @ (p_OS[0] - com)
+        np.testing.assert_allclose((p_OS - com) @ nhat, height, atol=1e-9)
+        assert np.max((corners - com) @ nhat) < height + 1e-6
+        # The vertices span the plane: two directions across the normal are told apart.
+        assert np.linalg.svd(p_OS - p_OS.mean(axis=0))[1][1] > 0.25 * height * np.tan(np.radians(8))
+    return found
+
+
+@pytest.mark.parametrize("sections", [28, 32, 64])
+def test_a_can_stands_on_its_ends_and_rolls_on_its_facets(sections):
+    R = Rotation.from_rotvec([0.4, -1.0, 0.3]).as_matrix()
+    found = sides_of(turned(trimesh.creation.cylinder(0.04, 0.11, sections=sections), R))
+    assert len(found) == 2
+    np.testing.assert_allclose(np.abs([side.nhat @ R[:, 2] for side in found]), 1.0, atol=1e-6)
+    assert not sides_of(trimesh.creation.icosphere(3, 0.04))
+
+
+@pytest.mark.parametrize(("width", "count"), [(0.03, 6), (0.02, 4)])
+def test_a_box_stands_on_a_side_that_it_does_not_fall_off_at_eight_degrees(width, count):
+    """Of 0.2 m, it falls off an end of 0.03 m at 8.5 degrees, and off one of 0.02 m at 5.7."""
+    assert len(sides_of(trimesh.creation.box([width, 0.1, 0.2]))) == count
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_body_settles_on_a_flat_side_if_it_is_wide(seed):
+    settled = turned(mesh := random_body(seed), settled_rotation(mesh))
+    height = settled.center_mass[2] - settled.bounds[0, 2]
+    is_wide = inside(settled) > height * np.tan(np.radians(8))
+    down = [side.nhat[2] < -1 + 1e-6 for side in sides_of(settled)]
+    assert any(down) == is_wide

@@ -197,6 +197,34 @@ def test_touches_correct_what_a_camera_with_a_wrong_place_shows():
         np.testing.assert_allclose(stds > 0.003, np.abs(left) > 0)
 
 
+@pytest.mark.parametrize(
+    ("gap", "touching", "status"),
+    [(0.0, 1.0, "COASTING"), (0.0, 0.0, "LOST"), (0.05, 1.0, "LOST")],
+)
+def test_an_object_that_the_hand_hides_is_not_lost_while_it_is_touched(gap, touching, status):
+    X_WO = RigidTransform([0.1, 0.05, 0.03])
+    config = dp.EstimatorConfig(lost_after=0.4)
+    estimator = Driven(
+        dp.PoseEstimator(config, period=0.05, object_solid=SOLID, tip_radii=np.full(1, 0.009)),
+        point_cloud=cloud(seen_at(X_WO)),
+        p_WT=X_WO @ np.array([0.059 + gap, 0, 0]),
+        touching=[touching],
+    )
+    estimator.tick(10)
+    assert estimator.eval("tracking_status")[0] == dp.TrackingStatus.TRACKING
+    for tick in range(10, 40):
+        estimator.at(0.05 * tick, point_cloud=cloud(np.zeros((0, 3))))
+        estimator.update()
+    assert estimator.eval("tracking_status")[0] == dp.TrackingStatus[status]
+    error = estimator.eval("X_WO_estimated").translation() - X_WO.translation()
+    assert np.linalg.norm(error) < 1e-3
+    estimator.at(40 * 0.05, touching=[0.0])
+    for tick in range(40, 60):  # Released, it is lost, too.
+        estimator.at(0.05 * tick)
+        estimator.update()
+    assert estimator.eval("tracking_status")[0] == dp.TrackingStatus.LOST
+
+
 def test_a_faster_filter_learns_no_more_from_the_same_touches():
     X_WO, stds = RigidTransform([0.1, 0.05, 0.03]), []
     p_WT = X_WO @ np.array([[0.059, 0, 0], [0, 0.049, 0]]).T
