@@ -127,8 +127,8 @@ class EstimatorConfig:
     # the prediction.
     coast_after: float = field(default=0.1, metadata=_TIME)
 
-    # Seconds by which a confirmation by measurements is overdue when the object is lost: goals then
-    # stay. At least coast_after.
+    # Seconds by which a confirmation by measurements or touches is overdue when the object is lost:
+    # goals then stay. At least coast_after.
     lost_after: float = field(default=1.0, metadata=_TIME)
 
 

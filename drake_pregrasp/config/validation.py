@@ -73,16 +73,18 @@ def scalar_problem(value: object, kind: Any, rules: Mapping[str, Any]) -> str | 
     return " ".join([words, " and ".join(bounds)]).strip()
 
 
-def length_problem(length: int, rules: Mapping[str, Any]) -> str | None:
+def length_problem(length: int | None, rules: Mapping[str, Any]) -> str | None:
     """Returns the requirement that the length of a list violates, in words, or None if it is valid.
 
     Args:
-        length: Number of elements of the list.
+        length: Number of elements of the list; None for what is no list.
         rules: Metadata of the list's field.
     """
     least, most = rules.get("min_length", 0), rules.get("max_length", MAX_LENGTH)
     if length != (exact := rules.get("length", length)):
         return f"a list of exactly {exact} elements"
+    if length is None:
+        return "a list"
     if length < least:
         return f"a list of at least {least} elements"
     return f"a list of at most {most} elements" if length > most else None
@@ -118,7 +120,7 @@ def _check(key: str, value: Any, kind: Any, rules: Mapping[str, Any]) -> None:
         try:
             problem = length_problem(len(value), rules)
         except TypeError:
-            problem = "a list"
+            problem = length_problem(None, rules)
         if problem is None:
             (element_kind,) = typing.get_args(kind)
             for index, element in enumerate(value):

@@ -128,7 +128,7 @@ def _check_document(source: str, root: yaml.Node) -> None:
         """Returns the number of values with aliases expanded, and the depth."""
         if node.tag not in known_tags and not isinstance(node, yaml.MappingNode):
             tag = node.tag[:_SHOWN]
-            raise error(node, f"the tag {tag} needs a mapping, as in !Box {{}}")
+            raise error(node, f"the tag {tag} needs a mapping, as in {tag} {{}}")
         if isinstance(node, yaml.ScalarNode):
             if node.tag == _INT and len(node.value) > MAX_DIGITS:
                 raise error(node, f"a whole number has more than {MAX_DIGITS} characters")

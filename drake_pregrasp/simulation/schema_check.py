@@ -122,7 +122,7 @@ def _value_problems(key: str, value: object, kind: Any, rules: Mapping[str, Any]
     if typing.get_origin(kind) is list:
         (element_kind,) = typing.get_args(kind)
         if not isinstance(value, list):
-            yield key, _rejected(value, "a list")
+            yield key, _rejected(value, str(length_problem(None, rules)))
             return
         if problem := length_problem(len(value), rules):
             yield key, _rejected(value, problem)

@@ -8,10 +8,12 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import nnls
+from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import InvalidArgumentError
+from drake_pregrasp.arrays import norms
 from drake_pregrasp.fast import numba_is_installed
-from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
+from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace, is_hidden
 from drake_pregrasp.geometry.surface import ForbiddenPoints, closest_points
 from drake_pregrasp.regions.constraints import Obstacles
 
@@ -211,3 +213,28 @@ def test_corners_are_nearest_to_themselves(implementation, corner):
     corners = np.random.default_rng(0).normal(size=(50, 3, 3))
     x = nearest(implementation, corners, corners[:, corner])
     np.testing.assert_allclose(x, corners[:, corner], atol=1e-15)
+
+
+def test_what_a_box_or_a_ball_hides_is_beyond_a_point_of_it_on_the_ray():
+    """Against points of each ray that are inside, also for rays along the axes of a box."""
+    rng, shares = np.random.default_rng(4), np.linspace(0, 1, 4001)[:, None]
+    for case in range(60):
+        R = Rotation.random(rng=rng).as_matrix() if case % 2 else np.eye(3)
+        half = rng.uniform(0.05, 0.3, 3) if case % 3 else np.full(3, 0.2)
+        p_FB, viewpoint = rng.normal(scale=0.1, size=3), rng.normal(size=3)
+        points = rng.normal(scale=0.8, size=(30, 3))
+        if case % 2 == 0:
+            points[:10] = (
+                viewpoint + rng.uniform(-2, 2, (10, 1)) * np.eye(3)[rng.integers(3, size=10)]
+            )
+        is_ball = case % 3 == 0
+        for ends in (points, viewpoint + 0.2 * (points - viewpoint)):
+            inside = []
+            for point in ends:
+                p_B = (viewpoint + shares * (point - viewpoint) - p_FB) @ R
+                depth = half[0] - norms(p_B) if is_ball else np.min(half - np.abs(p_B), axis=1)
+                inside.append(depth.max())
+            X_FB = np.column_stack([R, p_FB])[None]
+            hidden = is_hidden(viewpoint, ends, X_FB, half[None], np.array([is_ball]))
+            clear = np.abs(inside) > 1e-3  # What grazes is left out.
+            np.testing.assert_array_equal(hidden[clear], np.array(inside)[clear] > 0)

@@ -225,6 +225,54 @@ def test_an_object_that_the_hand_hides_is_not_lost_while_it_is_touched(gap, touc
     assert estimator.eval("tracking_status")[0] == dp.TrackingStatus.LOST
 
 
+def test_contacts_of_a_tick_count_once():
+    """The estimate after the discrete update is that before it, with its contacts."""
+    X_WO, bias = RigidTransform([0.1, 0.05, 0.03]), np.array([0.004, -0.003, 0.005])
+    config = dp.EstimatorConfig(bias_std=0.005, rests_on_table=True)
+    estimator = Driven(
+        dp.PoseEstimator(config, period=0.05, object_solid=SOLID, tip_radii=np.full(1, 0.009)),
+        point_cloud=cloud(seen_at(X_WO) + bias),
+        p_WT=X_WO @ np.array([0.059, 0, 0]),
+        touching=[1.0],
+    )
+    for tick in range(4):
+        estimator.at(0.05 * tick)
+        before = [estimator.array(port) for port in ("camera_offset", "X_WO_estimated")]
+        estimator.update()
+        for old, port in zip(before, ("camera_offset", "X_WO_estimated"), strict=True):
+            np.testing.assert_allclose(estimator.array(port), old, rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.parametrize("is_held", [False, True])
+def test_what_a_hand_holds_does_not_rest_on_the_table(is_held):
+    high = RigidTransform([0.1, 0.05, 0.03 + 0.006])  # As an offset of the camera would show it.
+    config = dp.EstimatorConfig(bias_std=0.01, rests_on_table=True)
+    twist = np.zeros(6) if is_held else np.full(6, np.nan)
+    estimator = Driven(
+        dp.PoseEstimator(config, period=0.05, object_solid=SOLID),
+        point_cloud=cloud(seen_at(high)),
+        V_WO_held=SpatialVelocity(twist),
+    )
+    estimator.tick(20)
+    height = estimator.eval("X_WO_estimated").translation()[2]
+    assert height == pytest.approx(0.036 if is_held else 0.03, abs=7e-4)
+
+
+def test_a_box_stands_while_only_one_of_its_sides_is_seen():
+    """Few points of one side do not tell its tilt, which the table tells."""
+    X_WO, rng = RigidTransform([0.1, 0.05, 0.03]), np.random.default_rng(3)
+    config = dp.EstimatorConfig(rests_on_table=True)
+    estimator = Driven(dp.PoseEstimator(config, period=0.05, object_solid=SOLID))
+    for tick in range(80):
+        p_WQ = seen_at(X_WO, tick) + rng.normal(scale=1e-3, size=(200, 3))
+        if tick > 10:
+            p_WQ = p_WQ[p_WQ[:, 0] > 0.148][:22]
+        estimator.at(0.05 * tick, point_cloud=cloud(p_WQ), measurement_time=[0.05 * tick])
+        estimator.update()
+        R = estimator.eval("X_WO_estimated").rotation().matrix()
+        assert np.degrees(np.arccos(R[2, 2])) < 0.5
+
+
 def test_a_faster_filter_learns_no_more_from_the_same_touches():
     X_WO, stds = RigidTransform([0.1, 0.05, 0.03]), []
     p_WT = X_WO @ np.array([[0.059, 0, 0], [0, 0.049, 0]]).T
