@@ -103,13 +103,21 @@ class HeldMotion:
     def within(self, p_WQ: FloatArray, distance: float) -> "HeldMotion":
         """Returns the motion with the origin of G brought back to a distance from a point Q.
 
+        As an inelastic tether does, it also takes the velocity beside the belt that leads away from
+        Q: a push that cannot move G would otherwise make it faster without end.
+
         Args:
             p_WQ: The point in W, shape (3,), in metres.
             distance: Largest distance, in metres.
         """
         away = self.p_WG - p_WQ
-        share = min(1.0, distance / max(float(np.linalg.norm(away)), 1e-12))
-        return self if share == 1.0 else replace(self, p_WG=p_WQ + share * away)
+        far = float(np.linalg.norm(away))
+        if far <= distance:
+            return self
+        outward = away / far
+        taken = max(0.0, float((self.V_WG[1] - self.V_WB[1]) @ outward)) * outward
+        V_WG = np.array([self.V_WG[0], self.V_WG[1] - taken])
+        return replace(self, p_WG=p_WQ + distance * outward, V_WG=V_WG)
 
     def _displaced(self, e: FloatArray, time: float) -> "HeldMotion":
         """Returns the motion after a displacement: a rotation vector and a translation, (2, 3)."""

@@ -12,7 +12,6 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 from drake_pregrasp.arrays import (
     FARTHEST,
     FloatArray,
-    are_valid,
     are_valid_points,
     finite_vector,
     number_or_nan,
@@ -57,6 +56,9 @@ from drake_pregrasp.systems.ports import (
 
 WAITING_STD = 1.0
 """Standard deviation of the position before the first measurement, in metres."""
+
+FASTEST = 100.0
+"""Largest component of the twist of an object that a hand holds, in rad/s and m/s."""
 
 _UNKNOWN = np.full(6, np.nan)  # Twist of an object that no hand holds.
 
@@ -114,9 +116,9 @@ class PoseEstimator(LeafSystem):
     port is unconnected, every sample is new and was measured at its tick.
 
     Port `V_WO_held` (optional) accepts a `SpatialVelocity`: that with which a hand moves O in W;
-    not finite while no hand holds the object. A change of this velocity changes the estimated one
-    by as much; measurements still correct it, and gravity no longer accelerates the object.
-    Out-of-sequence measurements from before a change are refused.
+    not finite, or with a component beyond `FASTEST`, while no hand holds the object. A change of
+    this velocity changes the estimated one by as much; measurements still correct it, and gravity
+    no longer accelerates the object. Out-of-sequence measurements from before a change are refused.
 
     Port `point_cloud` (optional) accepts a `PointCloud` in W, in place of measured poses: points on
     the surface of the object. The pose predicted for their time is aligned to them (`align_pose`);
@@ -335,9 +337,9 @@ class PoseEstimator(LeafSystem):
 
     def _twist(self, context: Context, belief: PoseBelief) -> FloatArray:
         """Returns the present twist of the held object, at its centre of mass, or NaN."""
-        V_WO: FloatArray = self._V_WO_held.Eval(context).get_coeffs()
-        if not are_valid(V_WO):
+        if not self._is_held(context):
             return _UNKNOWN
+        V_WO: FloatArray = self._V_WO_held.Eval(context).get_coeffs()
         w_WO, v_WO = V_WO.reshape(2, 3)
         return np.append(w_WO, v_WO + skew(w_WO) @ (belief.R_WO[0] @ self._p_OCoM))
 
@@ -397,7 +399,9 @@ class PoseEstimator(LeafSystem):
 
     def _is_held(self, context: Context) -> bool:
         port = self._V_WO_held
-        return port.HasValue(context) and are_valid(port.Eval(context).get_coeffs())
+        if not port.HasValue(context):
+            return False
+        return bool(np.abs(port.Eval(context).get_coeffs()).max() <= FASTEST)
 
     def _calc_velocity(self, context: Context) -> SpatialVelocity:
         return SpatialVelocity(self._estimate.Eval(context).V_WO)

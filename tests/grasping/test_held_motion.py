@@ -135,3 +135,37 @@ def test_in_the_air_the_frame_falls_and_stops_along_its_velocity_within_v_square
     speed = np.linalg.norm(now.V_WG[1])
     way, a = now.stopping(t + T, T).p_WG - now.p_WG, speed / T
     np.testing.assert_allclose(way, now.V_WG[1] / speed * speed**2 / (2 * a), atol=1e-12)
+
+
+VECTORS = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array)
+
+
+@given(VECTORS, VECTORS, st.floats(1e-3, 0.5))
+def test_a_tether_takes_what_leads_away_and_nothing_else(p_WQ, v, distance):
+    motion = moving()
+    motion = replace(motion, V_WG=motion.V_WG + np.array([np.zeros(3), v]))
+    now, far = motion.within(p_WQ, distance), float(np.linalg.norm(p_WQ))
+    change, beside = now.V_WG - motion.V_WG, motion.V_WG[1] - motion.V_WB[1]
+    if far <= distance:
+        assert now is motion
+        return
+    assert np.linalg.norm(now.p_WG - p_WQ) == pytest.approx(distance)
+    outward = -p_WQ / far
+    np.testing.assert_allclose(np.cross(change[1], outward), 0, atol=1e-9)
+    assert (beside + change[1]) @ outward <= 1e-9
+    assert change[1] @ outward == pytest.approx(-max(0.0, beside @ outward), abs=1e-9)
+    np.testing.assert_array_equal(change[0], 0)
+
+
+@given(st.floats(0.006, 0.1))
+def test_fingers_that_lag_behind_a_tethered_frame_do_not_make_it_faster_without_end(lag):
+    """The estimate is ahead of the fingers, and stays there: their push cannot move the frame."""
+    motion, p_WQ = moving(), np.zeros(3)
+    speeds = []
+    for _ in range(100):
+        p_WT = p_WQ - [lag, 0, 0]
+        motion = pushed(after_a_period(motion), STIFFNESS * (p_WT - motion.p_WG) * [1, 1, 0])
+        speeds.append(np.linalg.norm(motion.V_WG[1] - motion.V_WB[1]))
+        p_WQ = p_WQ + PERIOD * motion.V_WB[1]
+        motion = motion.within(p_WQ, 0.005)
+    assert max(speeds) < 2 * PERIOD * STIFFNESS * lag / M

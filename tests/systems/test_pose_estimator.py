@@ -15,6 +15,7 @@ from drake_pregrasp.config.planner_config import MOST_LATE, EstimatorConfig, fil
 from drake_pregrasp.estimation.pose_belief import PoseMeasurement, first_belief
 from drake_pregrasp.estimation.pose_filter import filter_step, merged
 from drake_pregrasp.estimation.pose_track import FOLLOWED
+from drake_pregrasp.systems.pose_estimator import PoseEstimator
 
 NOISE = filter_noise(EstimatorConfig())
 X_0 = RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [0.1, 0.2, 0.3])
@@ -154,6 +155,21 @@ def test_a_lift_that_the_estimator_is_told_of_is_no_surprise(is_told):
         estimator.update()
     assert (refused == 0) == is_told
     assert (max(errors) < 2e-3) == is_told
+
+
+@pytest.mark.parametrize("speed", [101.0, 1e7, 1e300, np.inf])
+def test_no_hand_moves_an_object_that_fast(speed):
+    """Such twists, from a control loop that is unstable, do not count."""
+    outputs = []
+    for v in (speed, np.nan):
+        estimator = Driven(PoseEstimator(period=PERIOD))
+        for tick in range(30):
+            held = SpatialVelocity(np.zeros(3), [(-1) ** tick * v, 0, 0])
+            estimator.at(PERIOD * tick, X_WO_measured=RigidTransform(), V_WO_held=held)
+            estimator.update()
+        found = (estimator.array(port) for port in ("X_WO_estimated", "p_WO_covariance"))
+        outputs.append(np.concatenate([values.ravel() for values in found]))
+    np.testing.assert_array_equal(*outputs)
 
 
 @pytest.mark.parametrize("is_told", [True, False])
