@@ -27,6 +27,12 @@ class CameraConfig:
         default_factory=zeros, metadata=POINT | {"typical": (0.001, 0.02), "unit": "mm"}
     )
 
+    # Standard deviation of a further displacement that drifts, along each axis of W, in metres.
+    drift_std: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1})
+
+    # Time constant of the drift, a Gauss-Markov process, in seconds.
+    drift_time: float = field(default=30.0, metadata={"at_least": 0.01, "at_most": 1e6})
+
     # Width of its picture, in pixels.
     width: int = field(default=320, metadata={"at_least": 16, "at_most": 1280})
 

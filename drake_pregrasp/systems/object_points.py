@@ -26,6 +26,7 @@ from drake_pregrasp.config.camera_config import DepthSensorConfig, camera_proble
 from drake_pregrasp.config.validation import checked
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.fault_settings import FaultChannel, fault_generator
+from drake_pregrasp.estimation.measurement_faults import drift
 from drake_pregrasp.systems.ports import (
     CLOUD,
     declare_cache,
@@ -202,9 +203,13 @@ class ObjectPoints(LeafSystem):
         tick = tick_index(context.get_time(), config.period)
         rng = fault_generator(seed, tick, FaultChannel.DEPTH)
         most = max(1, config.points // len(config.cameras))
-        for camera, port in zip(config.cameras, self._clouds, strict=True):
-            heights = np.array([config.table_margin, config.ceiling]) - camera.bias[2]
-            p_WQ = points_in(port.Eval(context), heights.tolist()) + np.array(camera.bias)
+        for index, (camera, port) in enumerate(zip(config.cameras, self._clouds, strict=True)):
+            bias = np.array(camera.bias)
+            if camera.drift_std:
+                since = tick * config.period / camera.drift_time
+                bias = bias + camera.drift_std * drift(since, seed + index)
+            heights = np.array([config.table_margin, config.ceiling]) - bias[2]
+            p_WQ = points_in(port.Eval(context), heights.tolist()) + bias
             p_WQ = thinned(p_WQ, _MORE * most)
             p_WQ = thinned(p_WQ[self._is_apart(context, p_WQ)], most)
             rays = p_WQ - np.array(camera.position)

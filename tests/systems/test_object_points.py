@@ -23,6 +23,7 @@ CONFIG = dp.DepthSensorConfig(
 )
 BOX = trimesh.creation.box([0.1, 0.08, 0.06])
 SOLID = MeshSolid.of(BOX)
+CAMERA = dp.CameraConfig(drift_std=0.01, drift_time=0.2)
 NOTHING = dp.MeasurementVerdict.NOTHING_NEW
 
 
@@ -54,6 +55,30 @@ def test_points_of_the_table_and_invalid_ones_are_left_out():
         [[0, 0, 0.1]],
         atol=1e-6,
     )
+
+
+def test_a_camera_drifts_as_a_gauss_markov_process_of_its_own():
+    """All points of a picture move together, and those of another camera otherwise."""
+    shifts = []
+    for seed in range(200):
+        cameras = [CAMERA, dp.CameraConfig(), CAMERA]
+        system = dp.ObjectPoints(replace(CONFIG, cameras=cameras, latency=0.001), seed=seed)
+        one = [[0, 0, 1.0], [0.1, 0, 1.0]]
+        driven = Driven(system, camera_0=cloud(one), camera_1=cloud(one), camera_2=cloud(one))
+        pictures = []
+        for tick in range(3):
+            driven.at(0.1 * tick)
+            driven.update()
+            driven.at(0.1 * tick + 0.05)
+            pictures.append(points_in(driven.eval("point_cloud")).reshape(3, 2, 3) - one)
+        np.testing.assert_allclose(np.ptp(pictures, axis=2), 0, atol=1e-6)
+        shifts.append(np.array(pictures)[:, :, 0])
+    first, none, last = np.moveaxis(shifts, 2, 0) / 0.01  # Each of seeds, ticks and axes.
+    np.testing.assert_allclose(none, 0, atol=1e-4)
+    for drift in (first, last):
+        assert np.var(drift) == pytest.approx(1.0, abs=0.15)
+        assert np.mean(drift[:, 0] * drift[:, 2]) == pytest.approx(np.exp(-1), abs=0.12)
+    assert abs(np.mean(first * last)) < 0.12
 
 
 def test_of_many_points_some_from_everywhere_are_kept():
