@@ -208,6 +208,9 @@ class PoseEstimator(LeafSystem):
         self._held_settings = replace(self._settings, noise=replace(self._noise, gravity=0.0))
         self._seen_object, self._flat_sides = None, list[FlatSide]()
         if object_solid is not None:
+            if not isinstance(object_solid, MeshSolid):
+                kind = type(object_solid).__name__
+                raise InvalidArgumentError(f"object_solid must be a MeshSolid, not a {kind}")
             self._flat_sides = flat_sides(object_solid.corners, place)
             assumed = config.point_std, config.fewest_points, config.rests_on_table
             solid, align = object_solid, kernels.align_pose()

@@ -357,6 +357,11 @@ def test_fingertips_feed_through_only_where_they_count():
     assert fed[True, 0.005] == fed[True, 0.0] | {"camera_offset"}
 
 
+def test_an_object_that_is_no_solid_is_refused_at_once():
+    with pytest.raises(dp.InvalidArgumentError, match="must be a MeshSolid, not a Trimesh"):
+        dp.PoseEstimator(period=0.05, object_solid=BOX)
+
+
 def test_points_need_the_object():
     estimator = Driven(dp.PoseEstimator(period=0.05), point_cloud=cloud(seen_at(RigidTransform())))
     with pytest.raises(dp.InvalidArgumentError, match="object_solid"):
