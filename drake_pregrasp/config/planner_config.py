@@ -120,7 +120,7 @@ class EstimatorConfig:
     touch_std: float = field(default=0.001, metadata=_STD | POSITION_NOISE)
 
     # Whether an object that no hand holds rests on the plane z = 0 of W, with a flat side if one is
-    # near the plane.
+    # level within 8 degrees.
     rests_on_table: bool = False
 
     # Seconds by which a measurement is overdue when the status becomes coasting: goals then follow

@@ -3,8 +3,8 @@
 A camera with a wrong place shows the object displaced by a slowly changing offset. The filter
 estimates it beside the pose (`pose_filter`). Contacts in W do not share the offset, so that they
 measure the pose itself: the centre of a fingertip is a radius away from the surface, as a point of
-`surface_alignment`, and the flat side on which an object stands has the height 0, or its lowest
-point. Directions without contact keep their uncertainty.
+`surface_alignment`, and the flat side on which an object stands, or else its lowest point, has the
+height 0. Directions without contact keep their uncertainty.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,7 +24,7 @@ from drake_pregrasp.estimation.pose_filter import (
 )
 from drake_pregrasp.estimation.surface_alignment import SurfacePoints
 from drake_pregrasp.geometry.mesh_solid import MeshSolid
-from drake_pregrasp.geometry.resting import FlatSide
+from drake_pregrasp.geometry.resting import TIPPING, FlatSide
 
 _PASSES = 2  # Linearizations of the distances.
 _GATE = 9.0  # Squared Mahalanobis distance up to which something touches: three deviations.
@@ -32,7 +32,7 @@ _VAGUE = 9e-4  # Variance of a distance, in m², besides the offset's, with whic
 _LARGEST_TURN = 0.2  # Standard deviation of a turn up to which distances are linear, in radians.
 _NEAR = 0.004  # Distance within the margin of the grid, in metres.
 _UP = np.array([0.0, 0.0, 1.0])
-_FLAT = np.cos(0.2)  # Of the largest angle between the table and a side that may stand on it.
+_COS_STANDING = np.cos(TIPPING)  # Cosine of the largest tilt of a side that stands on the table.
 _TOUCH_TIME = 0.05  # Seconds in which the error of a contact stays the same.
 _PUSHED = 1 / 16  # Variance of a touched object's motion in this time, over that of a touch.
 
@@ -49,8 +49,8 @@ class Contacts:
         std: Standard deviation of its height there, in metres.
         pushed: Variance of the motion along the normal of each fingertip since the last contacts,
             in m². It keeps an error that lasts from being averaged out.
-        sides: Flat sides on which it may stand. Without one near the plane, its lowest point is
-            there.
+        sides: Flat sides on which it may stand. If none is level within `TIPPING`, its lowest point
+            is on the plane.
     """
 
     solid: MeshSolid
@@ -67,8 +67,8 @@ class Contacts:
         """Returns residuals, shape (m,), Jacobians, standard deviations, and which are touches.
 
         An error (theta, p) of orientation and centre of mass changes the residual of a fingertip by
-        [(n x a)ᵀ, -nᵀ], with the outward normal n and the vector a from the centre of mass. So it
-        does for points on the table, where n points down.
+        [(n x a)ᵀ, -nᵀ], with the outward normal n and the vector a from the centre of mass. The
+        same holds for points on the table; n points down there.
 
         Args:
             R_WO: Orientation, shape (3, 3).
@@ -97,8 +97,8 @@ class Contacts:
     def _below(self, R_WO: FloatArray) -> FloatArray:
         """Returns the points in O that are on the table, shape (m, 3), in metres."""
         down = [side.nhat @ R_WO[2] for side in self.sides]
-        if down and min(down) < -_FLAT:
-            return self.sides[int(np.argmin(down))].p_OS
+        if down and min(down) < -_COS_STANDING:
+            return self.sides[int(np.argmin(down))].p_OV
         corners = self.solid.corners
         return corners[[np.argmin(corners @ R_WO[2])]]
 

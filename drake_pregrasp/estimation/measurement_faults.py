@@ -76,7 +76,7 @@ def faulty_disturbance(
 _WAVES = 64  # Waves of a drift along each axis.
 
 
-def drift(time: float, seed: int) -> FloatArray:
+def drift(time: float, seed: int, sensor: int = 0) -> FloatArray:
     """Returns independent Gauss-Markov processes of unit variance at a time, shape (3,).
 
     Each is a sum of waves with random phases. As their frequencies have Cauchy's distribution, its
@@ -86,8 +86,9 @@ def drift(time: float, seed: int) -> FloatArray:
     Args:
         time: Time in units of the time constant.
         seed: Seed of the random numbers.
+        sensor: Index of the sensor, each of which has processes of its own.
     """
-    generator = fault_generator(seed, 0, FaultChannel.DRIFT)
+    generator = fault_generator(seed, sensor, FaultChannel.DRIFT)
     frequencies = generator.standard_cauchy((3, _WAVES))
     phases = generator.uniform(0, 2 * np.pi, (3, _WAVES))
     return np.asarray(np.sqrt(2 / _WAVES) * np.cos(frequencies * time + phases).sum(axis=1))

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+import scipy.linalg
 import trimesh
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
@@ -17,7 +18,11 @@ MAX_HULL_TRIANGLES = 10_000
 FIRM = np.radians(1.0)
 """Least angle of a tilt out of a firm resting pose, in radians: less is lost by a jerk."""
 
-_STEADY = np.tan(np.radians(8.0))  # Least tilt over each edge of a flat side.
+TIPPING = np.radians(8.0)
+"""Least tilt that tips a body over the edge of a face on which it stands, in radians."""
+
+_COS_SAME = np.cos(np.radians(1.0))  # Cosine of the largest angle between normals of one face.
+_FLATNESS = 1e-3  # Largest depth of a vertex of a face below it, over the body's extent.
 _LEVEL = 1e-6  # Ratio of a height to the body's extent up to which a vertex is on the table.
 _EQUAL = 1e-3  # Difference of probabilities that are equal.
 _SAME_HEIGHT = 5e-3  # Difference of heights that are equal, over the largest height.
@@ -120,40 +125,47 @@ def stable_rotation(mesh: trimesh.Trimesh) -> FloatArray:
 
 
 class FlatSide(NamedTuple):
-    """Side of a body on which it stands.
+    """Face of a body's convex hull on which it stands.
 
     Attributes:
         nhat: Outward unit normal in O, shape (3,).
-        p_OS: Vertices of the side that are farthest apart, in O, shape (4, 3), in metres.
+        p_OV: Three or four of its vertices, far apart, in O, shape (k, 3), in metres.
     """
 
     nhat: FloatArray
-    p_OS: FloatArray
+    p_OV: FloatArray
 
 
 def flat_sides(corners: FloatArray, p_OCoM: FloatArray) -> list[FlatSide]:
-    """Returns the sides of a body that it falls off only if it is tilted by 8 degrees or more.
+    """Returns the faces on which a body stands, and does not tip over before a tilt of `TIPPING`.
 
-    The facets of a round mesh, on which the body rolls, are narrower.
+    Facets whose normals differ by a degree or less are one face, so that vertices may be rounded.
+    The facets of a round mesh with 23 of them or more, on which it rolls, tip earlier.
 
     Args:
         corners: Vertices of the convex hull in O, shape (k, 3), in metres.
-        p_OCoM: Centre of mass in O, shape (3,), in metres.
+        p_OCoM: Centre of mass in O, inside the hull, shape (3,), in metres.
     """
     p = corners - p_OCoM
-    hull, level = ConvexHull(p), _LEVEL * float(np.max(np.ptp(p, axis=0)))
-    _, first = np.unique(hull.equations.round(_DIGITS), axis=0, return_index=True)
-    found: dict[bytes, FlatSide] = {}
-    for *nhat, offset in hull.equations[first]:
-        on_side = p @ nhat + offset > -level
-        _, _, axes = np.linalg.svd(p[on_side] + offset * np.array(nhat))
-        flat = p[on_side] @ axes[:2].T
-        if np.abs(flat).max() < -offset * _STEADY:  # The facets of a fine mesh are many.
+    hull, level = ConvexHull(p), _FLATNESS * float(np.max(np.ptp(p, axis=0)))
+    a, b, c = np.moveaxis(p[hull.simplices], 1, 0)
+    largest_first = np.argsort(-np.linalg.norm(np.cross(b - a, c - a), axis=1), kind="stable")
+    normals = np.empty((0, 3))
+    found = []
+    for nhat in hull.equations[largest_first, :3]:
+        if np.any(normals @ nhat > _COS_SAME):
             continue
-        if -ConvexHull(flat).equations[:, 2].max() >= -offset * _STEADY:
+        normals = np.vstack([normals, nhat])
+        heights = p @ nhat
+        least = float(heights.max()) * np.tan(TIPPING)
+        on_side = heights > heights.max() - level
+        flat = p[on_side] @ scipy.linalg.null_space(nhat[None])
+        if np.abs(flat).max() < least or np.linalg.matrix_rank(flat - flat[0], level) < 2:
+            continue
+        if -ConvexHull(flat).equations[:, 2].max() >= least > 0:
             one = np.linalg.norm(flat - flat.mean(axis=0), axis=1).argmax()
             other = np.linalg.norm(flat - flat[one], axis=1).argmax()
             aside = (flat - flat[one]) @ [[0, -1], [1, 0]] @ (flat[other] - flat[one])
-            ends = [one, other, aside.argmax(), aside.argmin()]
-            found[on_side.tobytes()] = FlatSide(np.array(nhat), corners[on_side][ends])
-    return list(found.values())
+            ends = np.unique([one, other, aside.argmax(), aside.argmin()])
+            found.append(FlatSide(nhat, corners[on_side][ends]))
+    return found

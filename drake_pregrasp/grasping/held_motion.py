@@ -103,8 +103,8 @@ class HeldMotion:
     def within(self, p_WQ: FloatArray, distance: float) -> "HeldMotion":
         """Returns the motion with the origin of G brought back to a distance from a point Q.
 
-        As an inelastic tether does, it also takes the velocity beside the belt that leads away from
-        Q: a push that cannot move G would otherwise make it faster without end.
+        As an inelastic tether does, it also takes the velocity that leads away from Q, which moves
+        with the belt: a push that cannot move G would otherwise make it faster at each period.
 
         Args:
             p_WQ: The point in W, shape (3,), in metres.
@@ -112,7 +112,7 @@ class HeldMotion:
         """
         away = self.p_WG - p_WQ
         far = float(np.linalg.norm(away))
-        if far <= distance:
+        if not far > distance:
             return self
         outward = away / far
         taken = max(0.0, float((self.V_WG[1] - self.V_WB[1]) @ outward)) * outward

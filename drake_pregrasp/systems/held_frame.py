@@ -190,12 +190,18 @@ class HeldFrame:
         return motion.R_WG, motion.p_WG, V_WG
 
     def calc_velocity(self, context: Context) -> SpatialVelocity:
-        """Returns the velocity with which the hand moves the object in W, or NaN if it does not."""
+        """Returns the velocity with which the hand moves the object in W, or NaN if it does not.
+
+        A push counts from the next tick on, when it is known what the tether has left of it.
+        """
         memory: HeldMemory = self.memory.Eval(context)
         state: GraspState = self._grasp.Eval(context)
         if state.share == 0 or not np.isfinite(memory.p_GT).any():
             return SpatialVelocity(np.full(6, np.nan))
-        w_WG, v_WG = self.motion.Eval(context).V_WG
+        motion: HeldMotion = self.motion.Eval(context)
+        if memory.stands:
+            motion = memory.last.at(context.get_time())
+        w_WG, v_WG = motion.V_WG
         rising = state.height.rate(context.get_time()) * self._held.lift_axis
         return SpatialVelocity(w=w_WG, v=v_WG + rising)
 

@@ -207,7 +207,7 @@ class ObjectPoints(LeafSystem):
             bias = np.array(camera.bias)
             if camera.drift_std:
                 since = tick * config.period / camera.drift_time
-                bias = bias + camera.drift_std * drift(since, seed + index)
+                bias = bias + camera.drift_std * drift(since, seed, index)
             heights = np.array([config.table_margin, config.ceiling]) - bias[2]
             p_WQ = points_in(port.Eval(context), heights.tolist()) + bias
             p_WQ = thinned(p_WQ, _MORE * most)

@@ -12,6 +12,7 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 from drake_pregrasp.arrays import (
     FARTHEST,
     FloatArray,
+    are_valid,
     are_valid_points,
     finite_vector,
     number_or_nan,
@@ -116,9 +117,10 @@ class PoseEstimator(LeafSystem):
     port is unconnected, every sample is new and was measured at its tick.
 
     Port `V_WO_held` (optional) accepts a `SpatialVelocity`: that with which a hand moves O in W;
-    not finite, or with a component beyond `FASTEST`, while no hand holds the object. A change of
-    this velocity changes the estimated one by as much; measurements still correct it, and gravity
-    no longer accelerates the object. Out-of-sequence measurements from before a change are refused.
+    not finite while no hand holds the object. A change of this velocity changes the estimated one
+    by as much; measurements still correct it, and gravity no longer accelerates the object.
+    Out-of-sequence measurements from before a change are refused. A velocity with a component
+    beyond 100 rad/s or m/s (`FASTEST`) counts as no change.
 
     Port `point_cloud` (optional) accepts a `PointCloud` in W, in place of measured poses: points on
     the surface of the object. The pose predicted for their time is aligned to them (`align_pose`);
@@ -128,7 +130,8 @@ class PoseEstimator(LeafSystem):
     Ports `p_WT` and `touching` (optional) accept a vector of 3n, the fingertips' centres in W, in
     metres, and a vector of n, which is above 0 for each fingertip that touches the object. With
     `touch` of `config`, they measure the pose without the offset of cameras (`felt`), and an object
-    that the hand hides is not lost while a fingertip touches it where it is expected.
+    that the hand hides does not become lost while a fingertip touches it where it is expected, for
+    about 10 s: then the prediction is too vague. A lost object is found again by pictures only.
 
     Port `X_WO_estimated` emits a `RigidTransform`: the estimated pose.
 
@@ -141,8 +144,9 @@ class PoseEstimator(LeafSystem):
     Port `tracking_status` emits a vector of 1: a `TrackingStatus`. It is `TRACKING` if the newest
     measurements confirm the estimate; the error of the position is then within the covariance. It
     is `COASTING` while the newest measurement was refused as an outlier, is overdue, or is one of
-    the first. While it is `LOST`, the pose stays at its prediction for the moment of the loss and
-    the twist is zero. It is also `LOST` if the prediction is beyond `FARTHEST`; the pose then stays
+    the first. A touch that is felt where it is expected does not change it to `TRACKING`, but
+    keeps it from `LOST`. While it is `LOST`, the pose stays at its prediction for the moment of the
+    loss and the twist is zero. It is also `LOST` if the prediction is beyond `FARTHEST`; the pose then stays
     at the newest one that was used. While it is `WAITING`, the pose is the identity.
 
     Port `time_since_measurement` emits a vector of 1: the age of the newest measurement that was
@@ -211,7 +215,8 @@ class PoseEstimator(LeafSystem):
             if not isinstance(object_solid, MeshSolid):
                 kind = type(object_solid).__name__
                 raise InvalidArgumentError(f"object_solid must be a MeshSolid, not a {kind}")
-            self._flat_sides = flat_sides(object_solid.corners, place)
+            if config.rests_on_table:
+                self._flat_sides = flat_sides(object_solid.corners, place)
             assumed = config.point_std, config.fewest_points, config.rests_on_table
             solid, align = object_solid, kernels.align_pose()
             self._seen_object = SeenObject(solid, self._noise, place, *assumed, align)
@@ -281,7 +286,7 @@ class PoseEstimator(LeafSystem):
         if stored_time > time:  # The clock was set back.
             track = self._no_track
         if self._V_WO_held.HasValue(context):
-            V_held = self._twist(context, self._merged(track.newest))
+            V_held = self._twist(context, self._merged(track.newest), track.V_held)
             track = track.with_twist(V_held, time - self._period / 2)
         settings = self._settings_of(context) if self._noise.gravity else self._settings
         track = update_track(track, self._measured(context, track), time, settings)
@@ -338,11 +343,16 @@ class PoseEstimator(LeafSystem):
         config = self._config
         return track.status(time, self._period, config.coast_after, config.lost_after)
 
-    def _twist(self, context: Context, belief: PoseBelief) -> FloatArray:
-        """Returns the present twist of the held object, at its centre of mass, or NaN."""
+    def _twist(self, context: Context, belief: PoseBelief, before: FloatArray) -> FloatArray:
+        """Returns the present twist of the held object, at its centre of mass, or NaN.
+
+        One that is beyond `FASTEST` is taken for that of the last tick.
+        """
         if not self._is_held(context):
             return _UNKNOWN
         V_WO: FloatArray = self._V_WO_held.Eval(context).get_coeffs()
+        if np.abs(V_WO).max() > FASTEST:
+            return before
         w_WO, v_WO = V_WO.reshape(2, 3)
         return np.append(w_WO, v_WO + skew(w_WO) @ (belief.R_WO[0] @ self._p_OCoM))
 
@@ -359,7 +369,7 @@ class PoseEstimator(LeafSystem):
             return _Estimate(status, belief)
         since = time - belief.time
         if self._V_WO_held.HasValue(context):
-            dV = self._twist(context, belief) - track.V_held
+            dV = self._twist(context, belief, track.V_held) - track.V_held
             if not np.isnan(dV.sum()):
                 last_tick = self._period * tick_index(time, self._period)
                 belief = boosted(belief, dV, (last_tick + time) / 2)
@@ -402,9 +412,7 @@ class PoseEstimator(LeafSystem):
 
     def _is_held(self, context: Context) -> bool:
         port = self._V_WO_held
-        if not port.HasValue(context):
-            return False
-        return bool(np.abs(port.Eval(context).get_coeffs()).max() <= FASTEST)
+        return port.HasValue(context) and are_valid(port.Eval(context).get_coeffs())
 
     def _calc_velocity(self, context: Context) -> SpatialVelocity:
         return SpatialVelocity(self._estimate.Eval(context).V_WO)

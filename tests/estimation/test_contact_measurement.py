@@ -17,7 +17,7 @@ from drake_pregrasp.estimation.pose_tracker import update_track
 from drake_pregrasp.estimation.surface_alignment import SurfacePoints, align_pose, measured_part
 from drake_pregrasp.fast import default_kernels
 from drake_pregrasp.geometry.mesh_solid import MeshSolid
-from drake_pregrasp.geometry.resting import flat_sides
+from drake_pregrasp.geometry.resting import FlatSide, flat_sides
 from drake_pregrasp.grasping.touch_correction import (
     corrected_pose,
     limited_offset,
@@ -149,15 +149,23 @@ def test_points_of_a_side_tell_the_height_as_well_as_one_point_does():
 
 
 def test_what_lies_on_no_flat_side_may_roll():
-    mesh = trimesh.creation.cylinder(0.03, 0.11, sections=32)
-    lying = MeshSolid.of(
-        mesh.apply_transform(trimesh.transformations.rotation_matrix(0.03, [0, 0, 1]))
-    )
-    R = Rotation.from_euler("x", 90, degrees=True).as_matrix()
-    before = shown(R=R, p=np.add(PLACE, [0, 0, 0.001]), bias=np.zeros(3))
-    belief = merged(felt(before, 0.0, standing(lying), NOISE)[0])
-    np.testing.assert_allclose(belief.R_WO[0], merged(before).R_WO[0], atol=3e-3)
-    assert belief.p_WCoM[0, 2] < merged(before).p_WCoM[0, 2]
+    """A can that lies between two facets: standing on the nearer one, it would roll there."""
+    solid = MeshSolid.of(trimesh.creation.cylinder(0.03, 0.11, sections=32))
+    roll, vague = np.radians(2.0), replace(NOISE, orientation=0.5)
+    R = Rotation.from_euler("x", 90, degrees=True) * Rotation.from_euler("z", roll)
+    facets = [
+        FlatSide(np.array([np.cos(a), np.sin(a), 0.0]), facet)
+        for a in np.pi * np.arange(1, 64, 2) / 32
+        if len(facet := solid.corners[solid.corners @ [np.cos(a), np.sin(a), 0] > 0.0298])
+    ]
+    rolled = []
+    for sides in (sides_of(solid), facets):
+        belief = shown(R=R.as_matrix(), bias=np.zeros(3), noise=vague)
+        for _ in range(20):
+            belief, _ = felt(belief, 0.0, replace(standing(solid), sides=sides), NOISE)
+        turn = Rotation.from_matrix(merged(belief).R_WO[0]) * R.inv()
+        rolled.append(np.degrees(np.linalg.norm(turn.as_rotvec())))
+    assert rolled[0] < 0.5 < 1.5 < rolled[1], rolled
 
 
 def test_only_fingertips_that_touch_where_it_is_expected_confirm_a_belief():

@@ -157,19 +157,19 @@ def test_a_lift_that_the_estimator_is_told_of_is_no_surprise(is_told):
     assert (max(errors) < 2e-3) == is_told
 
 
-@pytest.mark.parametrize("speed", [101.0, 1e7, 1e300, np.inf])
-def test_no_hand_moves_an_object_that_fast(speed):
-    """Such twists, from a control loop that is unstable, do not count."""
+@pytest.mark.parametrize(("speed", "counts"), [(99.0, True), (101.0, False), (1e6, False)])
+def test_no_hand_moves_an_object_that_fast(speed, counts):
+    """Such twists, from a control loop that is unstable, are no change; the object stays held."""
     outputs = []
-    for v in (speed, np.nan):
-        estimator = Driven(PoseEstimator(period=PERIOD))
+    for v in (speed, 0.0):
+        estimator = Driven(PoseEstimator(EstimatorConfig(gravity=9.81), period=PERIOD))
         for tick in range(30):
-            held = SpatialVelocity(np.zeros(3), [(-1) ** tick * v, 0, 0])
+            held = SpatialVelocity(np.zeros(3), [v if tick == 20 else 0.0, 0, 0])
             estimator.at(PERIOD * tick, X_WO_measured=RigidTransform(), V_WO_held=held)
             estimator.update()
         found = (estimator.array(port) for port in ("X_WO_estimated", "p_WO_covariance"))
         outputs.append(np.concatenate([values.ravel() for values in found]))
-    np.testing.assert_array_equal(*outputs)
+    assert np.array_equal(*outputs) != counts
 
 
 @pytest.mark.parametrize("is_told", [True, False])
