@@ -156,16 +156,12 @@ def _used(
         "support": 0,
         "refused": 0,
         "confirmations": confirmations,
-        "confirmed_at": _confirmed_at(track, belief, confirmations),
+        "confirmed_at": max(track.confirmed_at, belief.time)  # A touch may be newer.
+        if confirmations == CONFIRMATIONS
+        else track.confirmed_at,
         "noise": track.noise.updated(before, measurement, settings.noise.variances),
         "verdict": MeasurementVerdict.USED,
     }
-
-
-def _confirmed_at(track: PoseTrack, belief: PoseBelief, confirmations: int) -> float:
-    """Returns when the belief was last confirmed: a touch may be newer than a measurement."""
-    is_confirmed = confirmations == CONFIRMATIONS
-    return max(track.confirmed_at, belief.time) if is_confirmed else track.confirmed_at
 
 
 def _doubted(
@@ -293,7 +289,9 @@ def _inserted(
         "steps": steps,
         "noise": track.noise.replayed(measurements, settings.noise.variances),
         "confirmations": confirmations,
-        "confirmed_at": _confirmed_at(track, belief, confirmations),
+        "confirmed_at": max(track.confirmed_at, belief.time)  # A touch may be newer.
+        if confirmations == CONFIRMATIONS
+        else track.confirmed_at,
         "verdict": MeasurementVerdict.USED_LATE,
     }
 

@@ -208,12 +208,13 @@ class GraspSequencer(LeafSystem):
         also = (self._pose.source, self._held.offset, self._V_WO, self._contacts, self._approach)
         sources = (self.time_ticket(), self._held.near, *also)
         self._command = command = cache("command", object(), self._calc_command, *sources)
-        grasp, motion = self._grasp, self._held.motion
+        grasp, now = self._grasp, self.time_ticket()
         output("command", any_value, command.Eval, command)
         output("X_WG", ports.POSE, self._calc_X_WG, command)
-        output("hold_contacts", 1, self._calc_hold, self.time_ticket(), grasp, self._approach)
+        output("hold_contacts", 1, self._calc_hold, now, grasp, self._approach)
         output("grasp_report", 4, self._calc_report, grasp)
-        output("V_WO_held", ports.VELOCITY, self._held.calc_velocity, motion)
+        stored = now, grasp, self._held.memory
+        output("V_WO_held", ports.VELOCITY, self._held.calc_velocity, *stored)
         output("touching", n, lambda c: grasp.Eval(c).touched.astype(float), grasp)
         output("late_fingers", n, self._calc_late, command, self._p_WT)
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._advance)

@@ -198,11 +198,12 @@ class HeldFrame:
         state: GraspState = self._grasp.Eval(context)
         if state.share == 0 or not np.isfinite(memory.p_GT).any():
             return SpatialVelocity(np.full(6, np.nan))
-        motion: HeldMotion = self.motion.Eval(context)
+        last, time = memory.last, context.get_time()
         if memory.stands:
-            motion = memory.last.at(context.get_time())
-        w_WG, v_WG = motion.V_WG
-        rising = state.height.rate(context.get_time()) * self._held.lift_axis
+            w_WG, v_WG = last.at(time).V_WG
+        else:
+            w_WG, v_WG = last.stopping(time, self._held.settings.stop_duration).V_WG
+        rising = state.height.rate(time) * self._held.lift_axis
         return SpatialVelocity(w=w_WG, v=v_WG + rising)
 
     def restoring_forces(self, context: Context, R_WG: FloatArray, p_WG: FloatArray) -> FloatArray:

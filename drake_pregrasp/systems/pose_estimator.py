@@ -144,10 +144,10 @@ class PoseEstimator(LeafSystem):
     Port `tracking_status` emits a vector of 1: a `TrackingStatus`. It is `TRACKING` if the newest
     measurements confirm the estimate; the error of the position is then within the covariance. It
     is `COASTING` while the newest measurement was refused as an outlier, is overdue, or is one of
-    the first. A touch that is felt where it is expected does not change it to `TRACKING`, but
-    keeps it from `LOST`. While it is `LOST`, the pose stays at its prediction for the moment of the
-    loss and the twist is zero. It is also `LOST` if the prediction is beyond `FARTHEST`; the pose then stays
-    at the newest one that was used. While it is `WAITING`, the pose is the identity.
+    the first. A touch that is felt where it is expected does not change it to `TRACKING`, but keeps
+    it from `LOST`. While it is `LOST`, the pose stays at its prediction for the moment of the loss
+    and the twist is zero. It is also `LOST` if the prediction is beyond `FARTHEST`; the pose then
+    stays at the newest one that was used. While it is `WAITING`, the pose is the identity.
 
     Port `time_since_measurement` emits a vector of 1: the age of the newest measurement that was
     used, in seconds; the Context's time if none was used yet.
@@ -348,9 +348,9 @@ class PoseEstimator(LeafSystem):
 
         One that is beyond `FASTEST` is taken for that of the last tick.
         """
-        if not self._is_held(context):
-            return _UNKNOWN
         V_WO: FloatArray = self._V_WO_held.Eval(context).get_coeffs()
+        if not are_valid(V_WO):
+            return _UNKNOWN
         if np.abs(V_WO).max() > FASTEST:
             return before
         w_WO, v_WO = V_WO.reshape(2, 3)

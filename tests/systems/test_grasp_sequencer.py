@@ -256,6 +256,26 @@ def test_fingers_that_squeeze_carry_the_frame_and_no_estimate_does():
     hand.fix(X_WO_estimated=far)
     away = hand.eval("X_WG").translation() - far.translation()
     assert np.linalg.norm(away) == pytest.approx(TETHER)
+    # Fingers stay behind it. What the tether leaves of their push does not make it faster and faster.
+    speeds = []
+    for _ in range(50):
+        hand.tick()
+        speeds.append(np.linalg.norm(hand.array("V_WO_held")[3:]))
+    assert max(speeds) < 3 * np.linalg.norm(v)
+
+
+def test_the_estimator_is_told_a_push_when_the_frame_has_yielded_to_it():
+    X_WO = RigidTransform([0.0, 0.0, 0.05])
+    hand = sequencer_over(X_WO)
+    close_until_touch(hand, X_WO)
+    hand.fix(f_T_W=-3 * SETTINGS.touch_force * RING.ravel())
+    hand.advance(0.1)
+    before, tips = hand.array("V_WO_held"), hand.inputs["p_WT"].reshape(N, 3)
+    assert np.isfinite(before).all()
+    put_tips(hand, np.add(tips, [0.003, 0.0, 0.0]))
+    np.testing.assert_array_equal(hand.array("V_WO_held"), before)
+    hand.tick()
+    assert np.linalg.norm(hand.array("V_WO_held") - before) > 1e-3
 
 
 def test_an_offset_of_the_camera_that_a_touch_reveals_does_not_move_the_frame_at_once():

@@ -17,7 +17,7 @@ from drake_pregrasp.grasping.palm_paths import Meeting
 
 FIRST = GraspState.first(N, SETTINGS)
 ALL = np.ones(N, dtype=bool)
-TOUCHED = replace(FIRST, phase=GraspPhase.CLOSE, active=ALL, touched=ALL, share=0.5)
+GRIPPED = replace(FIRST, active=ALL, touched=ALL, share=0.5, gripped=0.0)
 MODELS = len(filter_noise(EstimatorConfig()).densities)
 MEETING = replace(Meeting.above(0.1), time=1.0, meets=True)
 
@@ -41,9 +41,11 @@ def test_outputs_follow_their_inputs(name):
     system, inputs = sound.system, sound.inputs
 
     def numbers(fresh, port):
-        # With this state, forces depend on contacts, V_WO_held on tips, and nothing on the meeting.
+        # While it closes, forces depend on contacts; in the squeeze, X_WG on tips and their forces.
         if name == "sequencer" and port != "approach":
-            fresh.context.SetDiscreteState(0, TOUCHED.to_vector())
+            squeezes = port in ("p_WT", "f_T_W")
+            phase = GraspPhase.SQUEEZE if squeezes else GraspPhase.CLOSE
+            fresh.context.SetDiscreteState(0, replace(GRIPPED, phase=phase).to_vector())
             fresh.context.SetDiscreteState(3, np.arange(3.0 * N))
             fresh.context.SetTime(CONTROL_PERIOD)
         if name == "kinematics":  # Forces are limited, so that measured positions matter.
