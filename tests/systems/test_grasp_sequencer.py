@@ -256,7 +256,7 @@ def test_fingers_that_squeeze_carry_the_frame_and_no_estimate_does():
     hand.fix(X_WO_estimated=far)
     away = hand.eval("X_WG").translation() - far.translation()
     assert np.linalg.norm(away) == pytest.approx(TETHER)
-    # Fingers stay behind it. What the tether leaves of their push does not make it faster and faster.
+    # Fingers stay behind it. What the tether leaves of their push does not make it ever faster.
     speeds = []
     for _ in range(50):
         hand.tick()
