@@ -127,11 +127,14 @@ class PoseEstimator(LeafSystem):
     a direction that they do not observe keeps its uncertainty. Points of other bodies hardly count.
     Without a pose to start from, at first and after a loss, they are registered (`register_pose`).
 
-    Ports `p_WT` and `touching` (optional) accept a vector of 3n, the fingertips' centres in W, in
-    metres, and a vector of n, which is above 0 for each fingertip that touches the object. With
-    `touch` of `config`, they measure the pose without the offset of cameras (`felt`), and an object
-    that the hand hides does not become lost while a fingertip touches it where it is expected, for
-    about 10 s: then the prediction is too vague. A lost object is found again by pictures only.
+    Port `p_WT` (optional) accepts a vector of 3n: the centres in W of the n fingertips of
+    `tip_radii`, in metres. With `object_solid`, and `touch` of `config`, fingertips measure the
+    pose without the offset of cameras (`felt`).
+
+    Port `touching` (optional) accepts a vector of n, above 0 for each fingertip that touches the
+    object. One that touches it where it is expected keeps an object that the hand hides from
+    becoming lost, for about 10 s after the last picture, or longer with `bias_std`: then the
+    prediction is too vague. A lost object is found again by pictures only.
 
     Port `X_WO_estimated` emits a `RigidTransform`: the estimated pose.
 
@@ -139,7 +142,8 @@ class PoseEstimator(LeafSystem):
 
     Port `p_WO_covariance` emits a vector of 9: the covariance Sigma of the estimated p_WO in W,
     row-major, in m². It contains the spread of the means of the motion models. It grows while no
-    measurement is used; before the first one it is 1 m² per axis.
+    measurement of a sensor is used, also while fingertips touch; before the first one it is 1 m²
+    per axis.
 
     Port `tracking_status` emits a vector of 1: a `TrackingStatus`. It is `TRACKING` if the newest
     measurements confirm the estimate; the error of the position is then within the covariance. It
