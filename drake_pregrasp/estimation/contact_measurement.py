@@ -117,6 +117,26 @@ class Contacts:
         return distances + np.einsum("ki,ki->k", p_OT - nearer, gradients), gradients
 
 
+def conditioned(
+    P: FloatArray, contacts: Contacts, R_WO: FloatArray, p_WCoM: FloatArray
+) -> FloatArray:
+    """Returns the covariance of the errors (theta, p) of a pose given contacts, shape (6, 6).
+
+    A contact counts if it is within three of its own standard deviations from the pose.
+
+    Args:
+        P: The covariance without them, shape (6, 6).
+        contacts: The contacts.
+        R_WO: Orientation, shape (3, 3).
+        p_WCoM: Centre of mass in W, shape (3,), in metres.
+    """
+    e, J, std, _ = contacts.residuals(R_WO, p_WCoM)
+    fits = e**2 <= _GATE * std**2
+    JP, std = J[fits] @ P, std[fits]
+    S = JP @ J[fits].T + np.diag(std**2)
+    return np.asarray(P - JP.T @ np.linalg.solve(S, JP))
+
+
 def touch_noise(std: float, period: float) -> tuple[float, float]:
     """Returns the standard deviation of a contact at each tick, and the variance of pushes.
 

@@ -23,7 +23,12 @@ from drake_pregrasp.arrays import (
 from drake_pregrasp.config.planner_config import EstimatorConfig, tracker_settings
 from drake_pregrasp.config.validation import checked
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.estimation.contact_measurement import Contacts, felt, touch_noise
+from drake_pregrasp.estimation.contact_measurement import (
+    Contacts,
+    conditioned,
+    felt,
+    touch_noise,
+)
 from drake_pregrasp.estimation.point_measurement import SeenObject
 from drake_pregrasp.estimation.pose_belief import (
     NO_MEASUREMENT,
@@ -142,7 +147,7 @@ class PoseEstimator(LeafSystem):
 
     Port `p_WO_covariance` emits a vector of 9: the covariance Sigma of the estimated p_WO in W,
     row-major, in m². It contains the spread of the means of the motion models. It grows while no
-    measurement of a sensor is used, also while fingertips touch; before the first one it is 1 m²
+    measurement is used, but along the normals of present contacts; before the first one it is 1 m²
     per axis.
 
     Port `tracking_status` emits a vector of 1: a `TrackingStatus`. It is `TRACKING` if the newest
@@ -297,22 +302,25 @@ class PoseEstimator(LeafSystem):
         return track, self._merged(track.newest)
 
     def _calc_felt(self, context: Context) -> tuple[PoseTrack, PoseBelief]:
-        time, config = context.get_time(), self._config
+        time = context.get_time()
         track, belief = self._measured_track.Eval(context)
         stored_time = context.get_discrete_state(self._time_index)[0]
         is_stored = tick_index(time, self._period) == tick_index(stored_time, self._period)
         if is_stored or self._status(track, time) not in FOLLOWED:
             return track, belief
-        assert self._seen_object is not None
-        rests = config.rests_on_table and not self._is_held(context)
-        touches, solid = self._touching(context), self._seen_object.solid
-        noise = self._touch_noise
-        contacts = Contacts(solid, self._p_OCoM, touches, rests, *noise, self._flat_sides)
+        contacts = self._contacts(context)
         dt = max(0.0, time - belief.time)
         assumed = self._settings_of(context).noise, self._merged
         belief, confirms = felt(track.newest, dt, contacts, *assumed)
         track = track.with_newest(belief, confirmed_at=time if confirms else track.confirmed_at)
         return track, self._merged(belief)
+
+    def _contacts(self, context: Context) -> Contacts:
+        """Returns the present contacts of the object: fingertips, and the table."""
+        assert self._seen_object is not None
+        rests = self._config.rests_on_table and not self._is_held(context)
+        touches, solid = self._touching(context), self._seen_object.solid
+        return Contacts(solid, self._p_OCoM, touches, rests, *self._touch_noise, self._flat_sides)
 
     def _measured(self, context: Context, track: PoseTrack) -> PoseMeasurement:
         """Returns what the input ports measure at a tick."""
@@ -422,12 +430,17 @@ class PoseEstimator(LeafSystem):
         return SpatialVelocity(self._estimate.Eval(context).V_WO)
 
     def _calc_covariance(self, context: Context) -> FloatArray:
-        status, belief, *_ = self._estimate.Eval(context)
+        status, belief, R_WO, p_WO, _ = self._estimate.Eval(context)
         if status == TrackingStatus.WAITING:
             return WAITING_STD**2 * np.eye(3)
         # The pose of a lost object stays, but its uncertainty grows on.
         ahead = self._ahead(context.get_time() - belief.time)
         predicted = predict(belief, ahead, self._noise.liveliest)
+        if self._seen_object is not None and status in FOLLOWED and not self._config.lookahead:
+            p_WCoM, contacts = p_WO + R_WO @ self._p_OCoM, self._contacts(context)
+            P = predicted.P.copy()
+            P[0, :6, :6] = conditioned(P[0, :6, :6], contacts, R_WO, p_WCoM)
+            predicted = replace(predicted, P=P)
         return origin_covariance(predicted, self._settings.p_OCoM)
 
     def _calc_age(self, context: Context) -> float:

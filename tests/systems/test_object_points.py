@@ -258,6 +258,32 @@ def test_an_object_that_the_hand_hides_is_not_lost_while_it_is_touched(gap, touc
     assert estimator.eval("tracking_status")[0] == dp.TrackingStatus.LOST
 
 
+def test_what_is_touched_is_known_along_the_normal_although_it_is_hidden():
+    X_WO = RigidTransform(RollPitchYaw(0, 0, 0.4), [0.1, 0.05, 0.03])
+    n = X_WO.rotation().matrix()[:, 0]
+    config = dp.EstimatorConfig(rests_on_table=True, lost_after=9.0)
+    estimator = Driven(
+        dp.PoseEstimator(config, period=0.05, object_solid=SOLID, tip_radii=np.full(2, 0.009)),
+        p_WT=(X_WO @ np.array([[0.059, 0.02, 0], [0.059, -0.02, 0]]).T).T.ravel(),
+        touching=[1.0, 1.0],
+    )
+    stds = []
+    for tick in range(60):
+        seen = seen_at(X_WO, tick) if tick < 10 else np.zeros((0, 3))
+        estimator.at(0.05 * tick, point_cloud=cloud(seen), measurement_time=[0.05 * tick])
+        estimator.update()
+        P = estimator.eval("p_WO_covariance").reshape(3, 3)
+        assert np.linalg.eigvalsh(P).min() > 0
+        np.testing.assert_allclose(P, P.T, atol=1e-12)
+        stds.append([np.sqrt(x @ P @ x) for x in (n, np.cross(n, [0, 0, 1]), [0, 0, 1])])
+    along, across, height = np.array(stds[-1])
+    assert max(along, height) < 2 * config.touch_std
+    assert across > 0.5
+    estimator.at(3.0, touching=[0.0, 0.0])
+    P = estimator.eval("p_WO_covariance").reshape(3, 3)
+    assert np.sqrt(n @ P @ n) > 0.1  # What was felt before stays, but the object may have moved.
+
+
 def test_contacts_of_a_tick_count_once():
     """The estimate after the discrete update is that before it, with its contacts."""
     X_WO, bias = RigidTransform([0.1, 0.05, 0.03]), np.array([0.004, -0.003, 0.005])
