@@ -118,23 +118,25 @@ class Contacts:
 
 
 def conditioned(
-    P: FloatArray, contacts: Contacts, R_WO: FloatArray, p_WCoM: FloatArray
-) -> FloatArray:
-    """Returns the covariance of the errors (theta, p) of a pose given contacts, shape (6, 6).
+    belief: PoseBelief, contacts: Contacts, R_WO: FloatArray, p_WCoM: FloatArray
+) -> PoseBelief:
+    """Returns a belief of one model with its covariance given contacts; the means stay.
 
     A contact counts if it is within three of its own standard deviations from the pose.
 
     Args:
-        P: The covariance without them, shape (6, 6).
+        belief: Belief without them, at their time.
         contacts: The contacts.
         R_WO: Orientation, shape (3, 3).
         p_WCoM: Centre of mass in W, shape (3,), in metres.
     """
     e, J, std, _ = contacts.residuals(R_WO, p_WCoM)
     fits = e**2 <= _GATE * std**2
-    JP, std = J[fits] @ P, std[fits]
-    S = JP @ J[fits].T + np.diag(std**2)
-    return np.asarray(P - JP.T @ np.linalg.solve(S, JP))
+    if not fits.any():
+        return belief
+    H = np.zeros((1, int(fits.sum()), belief.P.shape[-1]))
+    H[0, :, :6] = J[fits]
+    return correct(belief, np.zeros(H.shape[:2]), H, np.diag(std[fits] ** 2)).belief
 
 
 def touch_noise(std: float, period: float) -> tuple[float, float]:

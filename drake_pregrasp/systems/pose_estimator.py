@@ -437,10 +437,8 @@ class PoseEstimator(LeafSystem):
         ahead = self._ahead(context.get_time() - belief.time)
         predicted = predict(belief, ahead, self._noise.liveliest)
         if self._seen_object is not None and status in FOLLOWED and not self._config.lookahead:
-            p_WCoM, contacts = p_WO + R_WO @ self._p_OCoM, self._contacts(context)
-            P = predicted.P.copy()
-            P[0, :6, :6] = conditioned(P[0, :6, :6], contacts, R_WO, p_WCoM)
-            predicted = replace(predicted, P=P)
+            p_WCoM = p_WO + R_WO @ self._p_OCoM
+            predicted = conditioned(predicted, self._contacts(context), R_WO, p_WCoM)
         return origin_covariance(predicted, self._settings.p_OCoM)
 
     def _calc_age(self, context: Context) -> float:
