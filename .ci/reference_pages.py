@@ -149,13 +149,22 @@ def described(system: type) -> dict[tuple[str, str], str]:
     return found
 
 
+def arguments(system: type) -> list[tuple[str, str]]:
+    """Returns the name of each argument of the constructor, and what the docstring says of it."""
+    _, _, after = (inspect.getdoc(system) or "").partition("\nArgs:\n")
+    section = re.split(r"\n\n|\n(?=\S)", after)[0]
+    found = re.findall(r"^    (\w+): (.*(?:\n {5,}.*)*)", section, flags=re.M)
+    return [(name, " ".join(text.split())) for name, text in found]
+
+
 def ports_page() -> str:
-    """Returns the page of the ports of all public systems."""
+    """Returns the page of the ports and arguments of all public systems."""
     public = [getattr(drake_pregrasp, name) for name in drake_pregrasp.__all__]
     public += [getattr(module, name) for name, module in names_of_interfaces().items()]
     lines = [
         "# Ports",
-        "The ports of the public systems and diagrams, in their order. W is the world, O the "
+        "The ports of the public systems and diagrams, in their order, and the arguments of their "
+        "constructors. W is the world, O the "
         "object, n the number of contacts; units are SI. [The diagram](../architecture.md#the-"
         "diagram) shows how they are connected.",
         MADE.format("docstrings"),
@@ -168,7 +177,8 @@ def ports_page() -> str:
         rows = [
             f"| {way} | `{port}` | {said.get((way, port), '')} |" for way, port in ports(system)
         ]
-        shared = [" ".join(part.split()) for part in text.split("\n\n") if "The ports are" in part]
+        rows += [f"| argument | `{name}` | {meaning} |" for name, meaning in arguments(system)]
+        shared = [" ".join(part.split()) for part in text.split("\n\n") if "ports are those" in part]
         lines += [f"## {system.__name__}", text.splitlines()[0], *shared]
         lines.append("\n".join(["| | port | |", "|---|---|---|", *rows]))
     return "\n\n".join(lines) + "\n"

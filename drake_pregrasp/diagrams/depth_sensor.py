@@ -63,8 +63,8 @@ class DepthSensor(Diagram):
     Port `depth_image_0` emits the depth picture of the first camera, an `ImageDepth32F` in metres.
     Further cameras have `depth_image_1` and so on.
 
-    The other ports are those of `ObjectPoints`, which documents them; there is no `hand_state`
-    without a hand.
+    The other ports are those of `ObjectPoints`, which documents them; `hand_state` is only there
+    with a hand.
 
     Args:
         config: The cameras.
