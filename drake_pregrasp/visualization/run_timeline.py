@@ -94,7 +94,8 @@ class RunTimeline:
         if before < self._static_end <= time:
             self.tell("contacts adapt")
         status = TrackingStatus(record.tracking_status)
-        self._set("object", _TRACKING[status], is_event=self._was_tracked)
+        was_tracked = self._was_tracked
+        self._set("object", _TRACKING[status], is_event=was_tracked)
         self._was_tracked |= status == TrackingStatus.TRACKING
         view = GraspQualityView(record.grasp_quality)
         for name in MEASURES:
@@ -107,7 +108,7 @@ class RunTimeline:
             was_active, is_active = self._kinds[contact] > 0, kind > 0
             self._kinds[contact] = kind
             self._set(str(contact), words)
-            if was_active != is_active and time > 0:
+            if was_active != is_active and was_tracked:  # All get goals as it is found.
                 news = "has a goal again" if is_active else words
                 name = self.finger_names[contact]
                 self.tell(f"{name} {news}" if kind != 0 else f"{name}: {news}")

@@ -47,6 +47,13 @@ def test_a_contact_that_ends_or_returns_is_told_once(status, told):
     assert events == ([(0.1, told), (0.3, "finger 1 has a goal again")] if told else [])
 
 
+def test_goals_that_fingers_get_as_the_object_is_found_are_no_events():
+    nothing = (ContactStatus.LOST, ContactStatus.LOST)
+    waits = [tick(t, nothing, tracking=TrackingStatus.WAITING) for t in (0.0, 0.1)]
+    assert events_of(*waits, tick(0.2)) == []
+    assert events_of(*waits, tick(0.2), tick(0.3, nothing)) != []
+
+
 def test_fingers_of_a_hand_have_the_names_of_their_fingertips():
     timeline = RunTimeline("title", 2, fingertips=["index", "thumb"])
     timeline.add_tick(tick(0.0))
