@@ -178,7 +178,8 @@ def ports_page() -> str:
             f"| {way} | `{port}` | {said.get((way, port), '')} |" for way, port in ports(system)
         ]
         rows += [f"| argument | `{name}` | {meaning} |" for name, meaning in arguments(system)]
-        shared = [" ".join(part.split()) for part in text.split("\n\n") if "ports are those" in part]
+        parts = [" ".join(part.split()) for part in text.split("\n\n")]
+        shared = [part for part in parts if "ports are those" in part]
         lines += [f"## {system.__name__}", text.splitlines()[0], *shared]
         lines.append("\n".join(["| | port | |", "|---|---|---|", *rows]))
     return "\n\n".join(lines) + "\n"
