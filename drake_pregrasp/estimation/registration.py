@@ -24,8 +24,9 @@ AS_WELL = 0.002
 
 _FEW = 80  # Points of the first steps.
 _COARSE = (0.03, 0.03, 0.02, 0.02, 0.015)  # Scales of the first steps, in metres.
-_FINALISTS = 24  # Best starts, which are aligned to all points.
-_YAWS, _UPRIGHT = 24, 6  # Turns about one axis, and finalists of the upright ones.
+_BEST, _DIFFERING = 12, 24  # Best starts, and further ones, that are aligned to all points.
+_APART = np.radians(18)  # Least turn between those further ones.
+_YAWS = 24  # Turns about one axis.
 _ALIKE = 0.003  # Largest distance of a surface from the same one, in metres.
 _SAMPLES = 500  # Points of the surface.
 _LIFTED = 3.0  # Standard deviations of a height that the table hardly contradicts.
@@ -86,25 +87,21 @@ def register_pose(
             R_WO, p_WO, *_ = end = align(grid, points, R_WO, p_WO, std, SCALES)
         ends.append((_misfit(end, corners, len(p_WQ), slack), end))
 
-    def best(number: int) -> list[Alignment]:
-        return [end for _, end in sorted(ends, key=itemgetter(0))[:number]]
-
-    def shift(number: int) -> None:
-        for end in best(number):
-            for step in _WALL * np.vstack([np.eye(3), -np.eye(3)]):
-                add(end.R_WO, end.p_WO + step)
+    def best() -> list[Alignment]:
+        return [end for _, end in sorted(ends, key=itemgetter(0))]
 
     # The first start is not turned: of the poses of a symmetric object, it finds the least turned.
-    best_upright = np.argsort(misfits[:_YAWS])[:_UPRIGHT]
-    for k in {0, *np.argsort(misfits)[:_FINALISTS].tolist(), *best_upright.tolist()}:
-        add(found[k].R_WO, found[k].p_WO)
-    shift(_SHIFTED)
-    (end,) = best(1)
-    axis, p_WA = _hidden_axis(end)
+    starts = [found[k] for k in np.argsort(misfits)]
+    for start in [found[0], *starts[:_BEST], *_differing(starts)]:
+        add(start.R_WO, start.p_WO)
+    for end in best()[:_SHIFTED]:
+        for step in _WALL * np.vstack([np.eye(3), -np.eye(3)]):
+            add(end.R_WO, end.p_WO + step)
+    first = best()[0]
+    axis, p_WA = _hidden_axis(first)
     for turn in _turns(axis):
-        add(turn @ end.R_WO, p_WA + turn @ (end.p_WO - p_WA))
-    shift(1)
-    least, (first,) = min(misfit for misfit, _ in ends) + AS_WELL, best(1)
+        add(turn @ first.R_WO, p_WA + turn @ (first.p_WO - p_WA))
+    least, first = min(misfit for misfit, _ in ends) + AS_WELL, best()[0]
     p_WS = _surface(grid) @ first.R_WO.T + first.p_WO
     equal = [
         end
@@ -132,6 +129,21 @@ def _hidden_axis(found: Alignment) -> tuple[FloatArray, FloatArray]:
     slide = -np.linalg.pinv(C, hermitian=True) @ B.T  # Of the origin, for each unit turn.
     axis: FloatArray = np.linalg.eigh(A + B @ slide)[1][:, 0]
     return axis, found.p_WO + np.cross(axis, slide @ axis)
+
+
+def _differing(starts: list[Alignment]) -> list[Alignment]:
+    """Returns the first starts of which no two are alike.
+
+    The best starts alone may all have a mug upright that stands upside down.
+    """
+    chosen: list[Alignment] = []
+    for start in starts:
+        cosines = [(np.trace(start.R_WO @ other.R_WO.T) - 1) / 2 for other in chosen]
+        if max(cosines, default=-1.0) < np.cos(_APART):
+            chosen.append(start)
+        if len(chosen) == _DIFFERING:
+            break
+    return chosen
 
 
 def _misfit(found: Alignment, corners: FloatArray, count: int, slack: float) -> float:
