@@ -24,9 +24,9 @@ AS_WELL = 0.002
 
 _FEW = 80  # Points of the first steps.
 _COARSE = (0.03, 0.03, 0.02, 0.02, 0.015)  # Scales of the first steps, in metres.
-_BEST, _DIFFERING = 12, 24  # Best starts, and further ones, that are aligned to all points.
+_FINALISTS, _DIFFERING = 24, 12  # Best starts, and further ones, that are aligned to all points.
 _APART = np.radians(18)  # Least turn between those further ones.
-_YAWS = 24  # Turns about one axis.
+_YAWS, _UPRIGHT = 24, 6  # Turns about one axis, and finalists of the upright ones.
 _ALIKE = 0.003  # Largest distance of a surface from the same one, in metres.
 _SAMPLES = 500  # Points of the surface.
 _LIFTED = 3.0  # Standard deviations of a height that the table hardly contradicts.
@@ -87,21 +87,28 @@ def register_pose(
             R_WO, p_WO, *_ = end = align(grid, points, R_WO, p_WO, std, SCALES)
         ends.append((_misfit(end, corners, len(p_WQ), slack), end))
 
-    def best() -> list[Alignment]:
-        return [end for _, end in sorted(ends, key=itemgetter(0))]
+    def best(number: int) -> list[Alignment]:
+        return [end for _, end in sorted(ends, key=itemgetter(0))[:number]]
+
+    def shift(number: int) -> None:
+        for end in best(number):
+            for step in _WALL * np.vstack([np.eye(3), -np.eye(3)]):
+                add(end.R_WO, end.p_WO + step)
 
     # The first start is not turned: of the poses of a symmetric object, it finds the least turned.
-    starts = [found[k] for k in np.argsort(misfits)]
-    for start in [found[0], *starts[:_BEST], *_differing(starts)]:
+    best_upright = np.argsort(misfits[:_YAWS])[:_UPRIGHT]
+    ranks = np.argsort(misfits)
+    differing = _differing([found[k] for k in ranks])
+    chosen = [found[k] for k in {0, *ranks[:_FINALISTS].tolist(), *best_upright.tolist()}]
+    for start in [*chosen, *differing]:
         add(start.R_WO, start.p_WO)
-    for end in best()[:_SHIFTED]:
-        for step in _WALL * np.vstack([np.eye(3), -np.eye(3)]):
-            add(end.R_WO, end.p_WO + step)
-    first = best()[0]
-    axis, p_WA = _hidden_axis(first)
+    shift(_SHIFTED)
+    (end,) = best(1)
+    axis, p_WA = _hidden_axis(end)
     for turn in _turns(axis):
-        add(turn @ first.R_WO, p_WA + turn @ (first.p_WO - p_WA))
-    least, first = min(misfit for misfit, _ in ends) + AS_WELL, best()[0]
+        add(turn @ end.R_WO, p_WA + turn @ (end.p_WO - p_WA))
+    shift(1)
+    least, (first,) = min(misfit for misfit, _ in ends) + AS_WELL, best(1)
     p_WS = _surface(grid) @ first.R_WO.T + first.p_WO
     equal = [
         end
