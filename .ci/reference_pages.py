@@ -164,9 +164,8 @@ def ports_page() -> str:
     lines = [
         "# Ports",
         "The ports of the public systems and diagrams, in their order, and the arguments of their "
-        "constructors. W is the world, O the "
-        "object, n the number of contacts; units are SI. [The diagram](../architecture.md#the-"
-        "diagram) shows how they are connected.",
+        "constructors. W is the world, O the object, n the number of contacts; units are SI. "
+        "[The diagram](../architecture.md#the-diagram) shows how they are connected.",
         MADE.format("docstrings"),
     ]
     for system in public:

@@ -108,7 +108,7 @@ class RunTimeline:
             was_active, is_active = self._kinds[contact] > 0, kind > 0
             self._kinds[contact] = kind
             self._set(str(contact), words)
-            if was_active != is_active and was_tracked:  # All get goals as it is found.
+            if was_active != is_active and was_tracked:  # As it is found, all get one.
                 news = "has a goal again" if is_active else words
                 name = self.finger_names[contact]
                 self.tell(f"{name} {news}" if kind != 0 else f"{name}: {news}")
