@@ -13,14 +13,20 @@ from drake_pregrasp.grasping.held_criterion import LARGEST_DEG, LARGEST_MM
 pytestmark = pytest.mark.slow
 
 
-def test_a_tossed_ball_is_caught_and_comes_to_rest_within_the_travel(tmp_path):
-    result = run_text("catch_toss", "simulation_duration: 1.4", tmp_path)
-    grasp, log = result.summary["grasp"], run_log(result, "grasp.csv")
+def caught(name, folder):
+    """Returns the log of a run of 1.4 s, whose object must be caught, and held while it stops."""
+    result = run_text(name, "simulation_duration: 1.4", folder)
+    grasp = result.summary["grasp"]
     assert (grasp["phase"], grasp["gave_up"]) == ("lift", None)
     assert grasp["link_forces"]["object"] == 0.0
     parts = "closing", "squeeze", "lift"
     assert max(grasp[f"moved_{part}_mm"] for part in parts) < LARGEST_MM / 2
     assert max(grasp[f"turned_{part}_deg"] for part in parts) < LARGEST_DEG / 2
+    return run_log(result, "grasp.csv")
+
+
+def test_a_tossed_ball_is_caught_and_comes_to_rest_within_the_travel(tmp_path):
+    log = caught("catch_toss", tmp_path)
     phase, time, p_WO = log["phase"], log["time"], points(log, "wo")
     assert np.sum(phase == GraspPhase.CLOSE) * 0.002 == pytest.approx(0.1, abs=0.03)
     # Until the touch it falls freely; then it stops along its velocity, within v²/2a = v T/2.
@@ -35,6 +41,13 @@ def test_a_tossed_ball_is_caught_and_comes_to_rest_within_the_travel(tmp_path):
     np.testing.assert_allclose(p_WO[stopped] - p_WO[gripped], 0.1 * v, atol=0.03)
     still = np.linalg.norm(np.diff(p_WO[stopped + 25 :], axis=0), axis=1) / 0.002
     assert np.max(still) < 0.2  # The lift moves it by at most 0.15 m/s.
+
+
+@pytest.mark.parametrize("thing", ["box", "bottle"])
+def test_a_tossed_thing_is_caught_and_brought_to_rest(thing, tmp_path):
+    p_WO = points(caught(f"catch_toss_{thing}", tmp_path), "wo")
+    last = np.linalg.norm(np.diff(p_WO[-100:], axis=0), axis=1) / 0.002
+    assert np.max(last) < 0.2  # The lift moves it by at most 0.15 m/s.
 
 
 @pytest.mark.parametrize("yaw", [0.5, 2.0])

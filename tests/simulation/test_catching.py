@@ -27,6 +27,24 @@ def test_a_hand_that_loses_two_fingers_on_its_way_holds_with_three(tmp_path):
     np.testing.assert_array_equal(pressing, np.setdiff1d(range(5), event.contacts))
 
 
+def test_a_hand_holds_a_cube_on_a_belt_that_stops_while_it_is_on_its_way(tmp_path):
+    grasp, log = held_run("catch_belt_stops", 20.0, tmp_path)
+    (began, _, _), (stopped, _, _) = load_scenario("catch_belt_stops").motion.profile[-2:]
+    fast, stands = np.searchsorted(log["time"], [began, stopped])
+    assert log["phase"][fast] == GraspPhase.APPROACH
+    # The meeting that was planned for the moving cube is given up for a later one.
+    assert log["meeting_time"][fast] < grasp["met_at"] - 0.1
+    still = points(log, "wo")[stands : np.argmax(log["phase"] == GraspPhase.LIFT)]
+    assert np.max(np.ptp(still, axis=0)) < 1e-3
+
+
+def test_a_hand_turns_with_a_cube_that_begins_to_turn_on_a_belt(tmp_path):
+    _, log = held_run("catch_belt_turns", 19.0, tmp_path)
+    before, closed = np.argmax(log["time"] > 0.8), np.argmax(log["phase"] == GraspPhase.SQUEEZE)
+    yaw = 2 * np.arctan2(log["qz_wo"], log["qw_wo"])
+    assert yaw[closed] - yaw[before] > 0.5
+
+
 def test_an_arm_beside_a_belt_goes_along_with_a_cube(allegro_panda, tmp_path):
     _, log = held_run("catch_with_panda", 20.0, tmp_path)
     lifted = log["phase"] == GraspPhase.LIFT
