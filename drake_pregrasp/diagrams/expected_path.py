@@ -1,7 +1,12 @@
-"""Expected path of the object without a simulation, for cameras and checks of scenarios."""
+"""Initial state of the object, and its expected path without a simulation."""
+
+from collections.abc import Mapping
 
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.object_config import (
@@ -87,3 +92,44 @@ def initial_pose(motion: MotionConfig, shape: Shape) -> RigidTransform:
         place = np.array([*motion.position, 0.0])
         return RigidTransform(RotationMatrix.MakeZRotation(motion.yaw), place) @ X_WO
     return X_WO
+
+
+def initial_velocities(
+    plant: MultibodyPlant,
+    body: RigidBody,
+    motion: MotionConfig,
+    rates: Mapping[ModelInstanceIndex, FloatArray],
+    *,
+    steps: int = 1,
+) -> FloatArray:
+    """Returns the generalized velocities at the start, shape (nv,).
+
+    A conveyor moves from the start on, and the object with it.
+
+    In time steps of h, a tossed body falls by g t (t + h)/2. A toss that is faster by g h/2 upwards
+    makes the parabola of the centre of mass exact at the steps. The orientation of a tumbling body
+    still has an error of the order of h.
+
+    Args:
+        plant: The plant, finalized.
+        body: The object's body B.
+        motion: Motion of the object.
+        rates: Rates of the joints of models that carry or push the object, or are obstacles.
+        steps: Number of steps of the engine in one of the plant.
+    """
+    velocities, context = np.zeros(plant.num_velocities()), plant.CreateDefaultContext()
+    for instance, v in rates.items():
+        plant.SetVelocitiesInArray(instance, v, velocities)
+    plant.SetVelocities(context, velocities)
+    X_WB = body.EvalPoseInWorld(context)
+    V_WB = SpatialVelocity.Zero()
+    if isinstance(motion, Conveyor):
+        turntable = plant.GetBodyByName("turntable")
+        p_WD = turntable.EvalPoseInWorld(context).translation()
+        V_WB = turntable.EvalSpatialVelocityInWorld(context).Shift(X_WB.translation() - p_WD)
+    elif isinstance(motion, Toss):
+        half_step = -plant.gravity_field().gravity_vector() * plant.time_step() / (2 * steps)
+        V_WBcm = SpatialVelocity(w=motion.spin, v=np.array(motion.velocity) + half_step)
+        V_WB = V_WBcm.Shift(X_WB.rotation() @ -body.default_com())
+    plant.SetVelocitiesInArray(body.model_instance(), V_WB.get_coeffs(), velocities)
+    return velocities

@@ -7,7 +7,6 @@ import numpy as np
 import trimesh
 from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import (
     AddMultibodyPlant,
@@ -20,6 +19,7 @@ from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, OutputPort
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.object_config import (
     Conveyor,
     MotionConfig,
@@ -28,7 +28,7 @@ from drake_pregrasp.config.object_config import (
     Push,
     Toss,
 )
-from drake_pregrasp.diagrams.expected_path import initial_pose
+from drake_pregrasp.diagrams.expected_path import initial_pose, initial_velocities
 from drake_pregrasp.diagrams.object_body import FRICTION, add_object, add_obstacle_bodies
 from drake_pregrasp.diagrams.object_contact import separate_contacts
 from drake_pregrasp.diagrams.wiring import connect
@@ -39,10 +39,11 @@ from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.geometry.solids import BoxSolid, HalfSpace, Solid
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.systems.giver import Giver
+from drake_pregrasp.systems.launch_and_landing import Landing, Launch
 from drake_pregrasp.systems.mujoco_model import mujoco_substeps
 from drake_pregrasp.systems.mujoco_plant import MujocoPlant
+from drake_pregrasp.systems.ports import BODY_MOTIONS
 from drake_pregrasp.systems.sources import BodyPose, MovingSolid, ObjectMotion, PoseReplay
-from drake_pregrasp.systems.tossed_body import TossedBody
 from drake_pregrasp.visualization.drawing import draw_giver
 
 DRAKE, MUJOCO = ENGINES = ("drake", "mujoco")
@@ -50,6 +51,10 @@ DRAKE, MUJOCO = ENGINES = ("drake", "mujoco")
 
 ForceMakers = Sequence[tuple[str, Callable[[RigidBody], LeafSystem]]]
 """Names of systems with forces on a body, such as `ObjectShake`, and functions that make them."""
+
+
+Drives = dict[str, tuple[ModelInstanceIndex, VelocityProfile]]
+"""Models that move along profiles, and these profiles, by the names of the systems that do it."""
 
 
 class MovingObject(NamedTuple):
@@ -128,8 +133,7 @@ def add_moving_object(
     drives = _add_drives(plant, motion, retreat=RETREAT if add_more else 0.0)
     moving = add_obstacle_bodies(plant, scene_graph, obstacles, body)
     for index, (instance, speed) in enumerate(moving):
-        profile = VelocityProfile([[0.0, speed]])
-        drives[f"obstacle_motion_{index}"] = instance, ObjectMotion(profile)
+        drives[f"obstacle_motion_{index}"] = instance, VelocityProfile([[0.0, speed]])
     if add_more is not None:
         add_more(plant)
     plant.Finalize()
@@ -138,18 +142,24 @@ def add_moving_object(
         separate_more(plant, scene_graph)
     plant.SetDefaultFloatingBaseBodyPose(body, initial_pose(motion, shape))
     sources = {name: make(body) for name, make in forces}
-    dynamics = plant
+    dynamics, rates = plant, {carrier: p.at(0.0)[1] for carrier, p in drives.values()}
     if engine == MUJOCO:
-        dynamics = _add_mujoco(builder, plant, scene_graph, body, shape.mesh, motion)
-    elif isinstance(motion, Toss):
-        solids = [o.solid for o in obstacles if not np.any(o.velocity)]
-        solids += [TABLE_TOP] if motion.table else []
-        sources["tossed_body"] = _tossed_body(plant, body, motion, shape.mesh, solids, friction)
-    elif isinstance(motion, PoseStream):
-        poses = motion.read()
-        _draw_giver(builder, scene_graph, poses, shape.mesh)
-        sources["giver"] = Giver(plant, body, poses)
-    for name, (instance, drive) in drives.items():
+        velocities = initial_velocities(plant, body, motion, rates, steps=mujoco_substeps(plant))
+        dynamics = _add_mujoco(builder, plant, scene_graph, body, shape.mesh, velocities)
+    else:
+        if np.any(velocities := initial_velocities(plant, body, motion, rates)):
+            sources["launch"] = Launch(plant, velocities)
+        if isinstance(motion, Toss):
+            solids = [o.solid for o in obstacles if not np.any(o.velocity)]
+            solids += [TABLE_TOP] if motion.table else []
+            if solids:
+                sources["landing"] = _landing(plant, body, shape.mesh, solids, friction)
+        elif isinstance(motion, PoseStream):
+            poses = motion.read()
+            _draw_giver(builder, scene_graph, poses, shape.mesh)
+            sources["giver"] = Giver(plant, body, poses)
+    for name, (instance, profile) in drives.items():
+        drive = ObjectMotion(profile, plant.GetDefaultPositions(instance)[0])
         builder.AddNamedSystem(name, drive)
         builder.Connect(drive.get_output_port(), dynamics.get_desired_state_input_port(instance))
     if sources:
@@ -160,18 +170,15 @@ def add_moving_object(
     return MovingObject(plant, scene_graph, pose.get_output_port(), dynamics)
 
 
-def _add_drives(
-    plant: MultibodyPlant, motion: MotionConfig, *, retreat: float
-) -> dict[str, tuple[ModelInstanceIndex, ObjectMotion]]:
-    """Adds what carries or pushes the object; returns its model and its motion, by system name."""
+def _add_drives(plant: MultibodyPlant, motion: MotionConfig, *, retreat: float) -> Drives:
+    """Adds what carries or pushes the object; returns its model and the rates of its joints."""
     if isinstance(motion, Conveyor):
-        table, begin = add_model(plant, "conveyor_table.sdf"), motion.position[0]
-        plant.GetJointByName("slide", table).set_default_translation(begin)
-        profile = VelocityProfile(motion.velocities())
-        return {"object_motion": (table, ObjectMotion(profile, begin))}
+        table = add_model(plant, "conveyor_table.sdf")
+        plant.GetJointByName("slide", table).set_default_translation(motion.position[0])
+        return {"object_motion": (table, VelocityProfile(motion.velocities()))}
     if isinstance(motion, Push):
         profile = VelocityProfile(push_profile(motion, retreat))
-        return {"object_motion": (_add_pusher(plant, motion), ObjectMotion(profile))}
+        return {"object_motion": (_add_pusher(plant, motion), profile)}
     if isinstance(motion, Toss) and motion.table:
         add_model(plant, "table.sdf")
     return {}
@@ -194,16 +201,10 @@ def _add_mujoco(
     scene_graph: SceneGraph,
     body: RigidBody,
     mesh: trimesh.Trimesh,
-    motion: MotionConfig,
+    velocities: FloatArray,
 ) -> MujocoPlant:
     """Adds MuJoCo with a model of a plant, and moves the plant's geometry with it."""
     _, surface = plant.GetCollisionGeometriesForBody(body)
-    velocities = np.zeros(plant.num_velocities())
-    if isinstance(motion, Toss):
-        X_WB = plant.GetDefaultFloatingBaseBodyPose(body)
-        V_WBcm = _launch_velocity(plant, motion, steps=mujoco_substeps(plant))
-        V_WB = V_WBcm.Shift(X_WB.rotation() @ -body.default_com()).get_coeffs()
-        plant.SetVelocitiesInArray(body.model_instance(), V_WB, velocities)
     pieces, inspector = {surface: convex_pieces(mesh)}, scene_graph.model_inspector()
     dynamics = MujocoPlant(plant, inspector, pieces, velocities=velocities)
     builder.AddNamedSystem("plant", dynamics)
@@ -214,18 +215,17 @@ def _add_mujoco(
     return dynamics
 
 
-def _tossed_body(
+def _landing(
     plant: MultibodyPlant,
     body: RigidBody,
-    motion: Toss,
     mesh: trimesh.Trimesh,
     solids: Sequence[Solid],
     friction: float,
-) -> TossedBody:
-    """Returns the launch of a body in Drake's plant, and its impacts on solids."""
+) -> Landing:
+    """Returns the impacts of a body on solids in Drake's plant."""
     coulomb = 2 * friction * FRICTION / (friction + FRICTION)  # As Drake combines them.
-    launch, corners = _launch_velocity(plant, motion), mesh.convex_hull.vertices
-    return TossedBody(plant, body, launch, points=corners, solids=solids, friction=coulomb)
+    corners = mesh.convex_hull.vertices
+    return Landing(plant, body, points=corners, solids=solids, friction=coulomb)
 
 
 def _draw_giver(
@@ -246,8 +246,9 @@ def _add_forces(
     builder.AddNamedSystem("spatial_forces", total)
     for index, (name, source) in enumerate(sources.items()):
         builder.AddNamedSystem(name, source)
-        if source.HasInputPort("body_poses"):
-            connect(builder, dynamics, "body_poses body_spatial_velocities", source)
+        for port in BODY_MOTIONS:
+            if source.HasInputPort(port):
+                connect(builder, dynamics, port, source)
         builder.Connect(source.get_output_port(), total.get_input_port(index))
     builder.Connect(total.get_output_port(), dynamics.get_applied_spatial_force_input_port())
 
@@ -298,22 +299,6 @@ TABLE = MovingSolid(HalfSpace(np.zeros(3), np.array([0.0, 0.0, 1.0])), np.zeros(
 
 TABLE_TOP = BoxSolid(np.array([0.0, 0.0, -0.015]), np.eye(3), np.array([1.2, 0.8, 0.03]))
 """The table of `table.sdf` in W."""
-
-
-def _launch_velocity(plant: MultibodyPlant, motion: Toss, *, steps: int = 1) -> SpatialVelocity:
-    """Returns the velocity of the centre of mass for a launch in the plant's first step.
-
-    In time steps of h, a body falls by g t (t + h)/2. A launch that is faster by g h/2 upwards
-    makes the parabola of the centre of mass exact at the steps. The orientation of a tumbling body
-    still has an error of the order of h.
-
-    Args:
-        plant: The plant.
-        motion: The toss.
-        steps: Number of steps of the engine in one of the plant.
-    """
-    half_step = -plant.gravity_field().gravity_vector() * plant.time_step() / (2 * steps)
-    return SpatialVelocity(w=motion.spin, v=np.array(motion.velocity) + half_step)
 
 
 def _add_replay(

@@ -9,7 +9,7 @@ from pydrake.systems.analysis import Simulator
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import ObjectPlant, load_scenario, shipped_scenarios
-from drake_pregrasp.config.object_config import Box, Conveyor, Mesh, PoseStream, Push, Toss
+from drake_pregrasp.config.object_config import Ball, Box, Conveyor, Mesh, PoseStream, Push, Toss
 from drake_pregrasp.diagrams.expected_path import expected_path, expected_poses
 from drake_pregrasp.estimation.recorded_poses import read_recorded_poses
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
@@ -18,9 +18,9 @@ from drake_pregrasp.resources import resource_folder
 BOX = Box(size=[0.1, 0.06, 0.14])
 
 
-def poses(motion, times, time_step=0.0125, box=BOX):
+def poses(motion, times, time_step=0.0125, box=BOX, engine="drake"):
     config = MultibodyPlantConfig(time_step=time_step, use_sampled_output_ports=False)
-    plant = ObjectPlant(box, motion, config)
+    plant = ObjectPlant(box, motion, config, engine=engine)
     simulator = Simulator(plant)
     port, found = plant.GetOutputPort("X_WO"), [None] * len(times)
 
@@ -55,6 +55,20 @@ def test_a_conveyor_brings_an_object_from_its_start_place(y):
         np.testing.assert_allclose(X_WO.translation(), X_expected.translation(), atol=2e-3)
         assert yaw(X_WO) == pytest.approx(yaw(X_expected), abs=4e-3)
     np.testing.assert_allclose(expected_path(motion, 1.0, shape)[0], [-0.7, y, 0.07], atol=1e-5)
+
+
+@pytest.mark.parametrize("engine", ["drake", "mujoco"])
+@pytest.mark.parametrize(("thing", "y"), [(Ball(radius=0.035), 0.0), (BOX, 0.08)])
+def test_what_a_conveyor_carries_moves_with_it_from_the_start_on(thing, y, engine):
+    """Also a ball, which would roll back if the belt started under it."""
+    if engine == "mujoco":
+        pytest.importorskip("mujoco")
+    motion = Conveyor(position=[-0.5, y], linear_velocity=0.2, angular_velocity=0.5)
+    shape, times = thing.make_shape(), [0.005, 0.1]
+    for time, X_WO in zip(times, poses(motion, times, 0.0025, thing, engine), strict=True):
+        _, X_expected = expected_poses(motion, time, shape)[-1]
+        np.testing.assert_allclose(X_WO.translation(), X_expected.translation(), atol=6e-4)
+        assert yaw(X_WO) == pytest.approx(yaw(X_expected), abs=2e-3)
 
 
 def yaw(X_WO):
