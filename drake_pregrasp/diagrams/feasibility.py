@@ -157,7 +157,7 @@ def palm_problem(
     if hand.X_LA.rotation().IsExactlyIdentity() or needed <= height:
         return None
     return InvalidArgumentError(
-        f"fingers at home need a palm {needed:.3g} m over the table, and it is at {height:.3g} m"
+        f"the hand at home needs a palm {needed:.3g} m over the table, and it is at {height:.3g} m"
     )
 
 

@@ -12,14 +12,15 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.contact_pairs import Pair
 from drake_pregrasp.diagrams.palm_base import CarrierOrArm
 from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.grasping.grasp_state import BASE
 from drake_pregrasp.regions.finger_measures import FingerChain, FingerLinks, FingerMeasures
 from drake_pregrasp.systems.hand_kinematics import HandKinematics
 from drake_pregrasp.systems.hand_scene import (
     BallFunction,
     LinkBalls,
-    finger_balls,
     inner_balls,
     link_balls,
+    palm_and_finger_balls,
 )
 
 _LARGEST_STEP = 0.012  # Largest distance to another place that a finger reaches, in metres.
@@ -134,7 +135,7 @@ class HomeFingers:
         return self._measures[radius]
 
     def depth(self, yaw: float) -> float:
-        """Returns how far fingers reach below the axis of a palm from the side, in metres.
+        """Returns how far palm and fingers reach below the axis of a palm from the side, in metres.
 
         Args:
             yaw: Yaw of the palm, in radians. At yaw 0, x of A points down.
@@ -152,7 +153,8 @@ class HomeFingers:
     def _links(self) -> list[FingerLinks]:
         balls: list[list[tuple[int, FloatArray]]] = [[] for _ in self.chains]
         for link in self._balls(inner_balls):
-            balls[link.finger].append((link.joints, link.balls))
+            if link.finger != BASE:
+                balls[link.finger].append((link.joints, link.balls))
         return [FingerLinks.of(*part) for part in zip(self.chains, balls, strict=True)]
 
     @cached_property
@@ -162,7 +164,7 @@ class HomeFingers:
         return balls[:, :3], balls[:, 3]
 
     def _balls(self, balls_of: BallFunction) -> Iterator[LinkBalls]:
-        links = finger_balls(
+        links = palm_and_finger_balls(
             self._kinematics, self._inspector, self._tip_radii, self._home, balls_of
         )
         for link in links:

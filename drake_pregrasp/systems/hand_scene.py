@@ -283,10 +283,10 @@ class HandScene:
 
 
 class LinkBalls(NamedTuple):
-    """Balls inside a link of a finger.
+    """Balls inside a link of a finger or of the palm.
 
     Attributes:
-        finger: Index of the finger.
+        finger: Index of the finger, or `BASE`.
         joints: Number of the finger's own joints that carry the link.
         balls: Centres in W and radii, shape (k, 4), in metres.
     """
@@ -300,14 +300,14 @@ BallFunction = Callable[[SceneGraphInspector, GeometryId], FloatArray]
 """Function such as `inner_balls` or `link_balls`."""
 
 
-def finger_balls(
+def palm_and_finger_balls(
     hand: HandKinematics,
     inspector: SceneGraphInspector,
     tip_radii: FloatArray,
     q: FloatArray,
     balls_of: BallFunction,
 ) -> Iterator[LinkBalls]:
-    """Yields the balls of each link that moves with a finger, one by one.
+    """Yields the balls of each link that moves with the palm, one by one.
 
     Args:
         hand: Kinematics of the hand.
@@ -317,13 +317,14 @@ def finger_balls(
         balls_of: Function that returns the balls of a geometry.
     """
     X_WB = hand.pose(q).X_WB
+    shared = np.all([moving_joints(hand.plant, frame) for frame in hand.frames], axis=0)
     for geometry, link in hand_links(hand.plant, hand.frames, tip_radii, inspector).items():
-        if link.finger != BASE:
+        moved = moving_joints(hand.plant, link.frame)
+        if moved[shared].all():
             centers, radii = np.split(balls_of(inspector, geometry), [3], axis=1)
             R_WB, p_WB = np.split(X_WB[int(link.frame.body().index())], [3], axis=1)
-            own = moving_joints(hand.plant, link.frame)[hand.own_joints(link.finger)]
-            balls = np.column_stack([centers @ R_WB.T + p_WB.T, radii])
-            yield LinkBalls(link.finger, int(np.sum(own)), balls)
+            own = 0 if link.finger == BASE else int(np.sum(moved[hand.own_joints(link.finger)]))
+            yield LinkBalls(link.finger, own, np.column_stack([centers @ R_WB.T + p_WB.T, radii]))
 
 
 def inner_balls(inspector: SceneGraphInspector, geometry: GeometryId) -> FloatArray:

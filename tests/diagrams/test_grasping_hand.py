@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import slow
+from conftest import lacking_shadow, slow
 from five_finger_hand import HAND, X_WO
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
@@ -233,6 +233,19 @@ def test_the_palm_comes_from_the_side_where_it_cannot_from_above():
     # At home, the fingers clear the table.
     height = (scenario.X_WO @ scenario.hand.X_LA.translation())[2]
     assert height > scenario.hand.fingers.depth(start.yaw)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("yaw", [0.0, 2.8])
+def test_no_link_of_a_palm_from_the_side_starts_in_the_table(yaw):
+    """Nor the forearm of a hand, which is longer than its fingers."""
+    if lacking_shadow():
+        pytest.skip(lacking_shadow())
+    bottle = "object: !Mesh {file: 'package://drake_pregrasp/bottle.obj', mass: 0.3}"
+    hand = "hand: {file: 'package://drake_pregrasp/shadow_hand.yaml'}"
+    resolved = scenario_of(f"{bottle}, {hand}, {COARSE}", "side", f"yaw: {yaw}")
+    assert np.all(resolved.start.has_contact)
+    dp.make_diagram(resolved)  # It refuses links that start in the table.
 
 
 @pytest.mark.slow
