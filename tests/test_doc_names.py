@@ -21,7 +21,12 @@ from drake_pregrasp.studies.study_file import load_study
 pytest.importorskip("numba")  # Some of the names are of compiled functions.
 
 PACKAGE = ROOT / "drake_pregrasp"
-PAGES = [*DOCS.glob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+PAGES = [
+    *DOCS.glob("*.md"),
+    *DOCS.glob("results/*.md"),
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+]
 ELSEWHERE = {
     "--expire_sec",
     "NUMBA_CACHE_DIR",
