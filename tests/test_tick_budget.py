@@ -15,7 +15,7 @@ from drake_pregrasp.fast import SWITCH
 
 PACKAGE = str(Path(drake_pregrasp.__file__).parent)
 # They sample or move the plant in each of its steps.
-PLANT = ("LinkContacts", "_contacts", "BodyPose", "ObjectShake")
+PLANT = ("LinkContacts", "_contacts", "BodyPose", "ObjectShake", "Launch")
 
 
 def calls_of(function: Callable[[], object]) -> Counter[tuple[str, str]]:

@@ -34,7 +34,7 @@ from drake_pregrasp.systems.object_drag import ObjectDrag
 
 CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)))
 SCENARIOS = (
-    *("toss", "pose_stream", "reach", "passing_ball", "see_and_grasp", "catch_handed_over"),
+    *("catch_tossed", "pose_stream", "reach", "passing_ball", "see_and_grasp", "catch_handed_over"),
     "see_by_profile",
 )
 """Scenarios whose diagrams hold all systems but those of studies and arms; the last sensor of poses
