@@ -5,13 +5,28 @@ import numpy as np
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.geometry.rotations import skew
 
-HOLDING_GAIN = 2.0
-"""Ratio of the commanded stiffness to the least stiffness of a finger.
+LARGEST_GAIN = 4.0
+"""Largest ratio of the commanded stiffness to the least stiffness of a finger."""
 
-With 4, boxes ring in the Allegro hand and slip if its control period is 20 ms."""
+_GAIN_TIMES_PERIOD = 0.04
+"""Largest product of this ratio and the control period, in seconds.
+
+Forces come late by about the period. In the Allegro hand, whose drives yield in 30 ms, objects ring
+at a product of 0.07 to 0.08, and slip."""
 
 
-def restoring_forces(p_CoMT: FloatArray, d: FloatArray, stiffness: FloatArray) -> FloatArray:
+def holding_gain(period: float) -> float:
+    """Returns the ratio of the commanded stiffness to the least stiffness of a finger.
+
+    Args:
+        period: Control period, in seconds.
+    """
+    return min(LARGEST_GAIN, _GAIN_TIMES_PERIOD / period)
+
+
+def restoring_forces(
+    p_CoMT: FloatArray, d: FloatArray, stiffness: FloatArray, gain: float
+) -> FloatArray:
     """Returns forces of fingertips against the motion of an object that they hold, shape (n, 3).
 
     With the displacements d_i of fingertips that stick to it, and stiffnesses k_i, the object
@@ -19,8 +34,8 @@ def restoring_forces(p_CoMT: FloatArray, d: FloatArray, stiffness: FloatArray) -
 
         Σ k_i |d_i - e_i|²  with  e_i = t + θ x p_i.
 
-    The forces are -g k_i e_i with g = `HOLDING_GAIN`: those of springs beside the fingers. A strain
-    that moves fingertips only against each other, as a squeeze does, is no motion of the object.
+    The forces are -g k_i e_i with the gain g: those of springs beside the fingers. A strain that
+    moves fingertips only against each other, as a squeeze does, is no motion of the object.
     Tahara, Arimoto and Yoshida (ICRA 2010) also tell an object's pose from the fingertips alone.
 
     Args:
@@ -29,9 +44,10 @@ def restoring_forces(p_CoMT: FloatArray, d: FloatArray, stiffness: FloatArray) -
             same frame as the forces.
         stiffness: Least stiffness k_i of each finger over all directions, shape (n,), in N/m. It
             counts for all directions, so that no loop gain exceeds g.
+        gain: Ratio g of the forces to those of the fingers' stiffness (`holding_gain`).
     """
     moved = np.concatenate([-skew(p_CoMT), np.tile(np.eye(3), (len(d), 1, 1))], axis=2)
     weights = np.sqrt(stiffness)[:, None]
     A = (weights[:, :, None] * moved).reshape(-1, 6)
     twist = np.linalg.lstsq(A, (weights * d).ravel(), rcond=1e-6)[0]
-    return np.asarray(-HOLDING_GAIN * stiffness[:, None] * (moved @ twist))
+    return np.asarray(-gain * stiffness[:, None] * (moved @ twist))

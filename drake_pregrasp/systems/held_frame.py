@@ -12,7 +12,7 @@ from drake_pregrasp.arrays import FloatArray, pack, unpacker, validated_numbers
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspSettings, GraspState
 from drake_pregrasp.grasping.hand_commands import GraspCommand
 from drake_pregrasp.grasping.held_motion import TETHER, HeldMotion
-from drake_pregrasp.grasping.object_stiffness import restoring_forces
+from drake_pregrasp.grasping.object_stiffness import holding_gain, restoring_forces
 from drake_pregrasp.grasping.touch_correction import corrected_pose
 from drake_pregrasp.systems import ports
 
@@ -104,7 +104,7 @@ class HeldFrame:
         self._held, self._in_air = held, bool(held.a_W.any())
         self._p_WT, self._f_T_W, self._pose = p_WT, f_T_W, pose
         self._camera_offset = camera_offset
-        self._grasp, self._period = grasp, period
+        self._grasp, self._period, self._gain = grasp, period, holding_gain(period)
         self._last = system.DeclareDiscreteState(pack(_AT_REST))
         self._sticking = system.DeclareDiscreteState(np.full(3 * n, np.nan))
         self._last_shown = system.DeclareDiscreteState(3)
@@ -223,7 +223,7 @@ class HeldFrame:
             d = (validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3) - p_WG) @ R_WG - p_GT
             on = state.active & np.isfinite(d).all(axis=1)
             p_CoMT, k = p_GT[on] - self._held.p_OCoM, self._held.least_stiffness[on]
-            forces[on] = restoring_forces(p_CoMT, d[on], k)
+            forces[on] = restoring_forces(p_CoMT, d[on], k, self._gain)
         return forces
 
     def store(

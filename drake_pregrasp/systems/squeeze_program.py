@@ -19,12 +19,16 @@ from drake_pregrasp.quality.grasp_quality import contact_axes, contact_blocks, l
 PREFERRED_SHARE = 0.5
 """Share of the friction coefficient that forces need not exceed if larger forces can avoid it."""
 
+LOAD_CHANGE = 0.5
+"""Change of the load, in any direction and as its multiple, which fingers should bear unchanged."""
+
 # Balance takes precedence over the preferred cones, these over small forces, whose cost is 1 per
 # squared newton. Such linear costs do not change the solution if it can do without.
 _IMBALANCE_COST = 1e5  # Per newton of the residual.
 _EXCESS_COST = 1e4  # Per newton outside the preferred cones.
 
 _IN_BALANCE = 0.02  # Largest residual of a balanced squeeze, in newtons.
+_RANK = 1e-6  # Smallest singular value of G that counts, as a share of the largest.
 _UNLIMITED = 1e4  # Replaces a limit, to find out whether it prevents balance.
 
 
@@ -51,6 +55,14 @@ def plan_squeeze(
 
     The smallest forces lie on their cones. Cones of half the width leave a margin for errors; the
     forces exceed them by s only if nothing else balances the wrench.
+
+    Fingers of equal stiffness share a push d on the object as df = -G⁺ d. For pushes of up to
+    `LOAD_CHANGE` times the force F of the wrench, forces should stay in their cones. With the
+    blocks T_i and N_i of G⁺ for the forces along and normal to the surface, this is so if
+
+        |t_i| <= mu n_i - `LOAD_CHANGE` |F| (|T_i| + mu |N_i|) + s
+
+    where |T_i| is the largest singular value. The bound is the same for all axes.
 
     A soft finger also exerts a moment m_i about its normal. With e_i = 3 pi/16 times the radius of
     its patch, the limit surface of force and moment is an ellipsoid (Howe & Cutkosky, 1996):
@@ -209,6 +221,8 @@ def _solve(
     fingers.
     """
     n, size = (G.shape[1] - len(soft)) // 3, G.shape[1]
+    change = LOAD_CHANGE * float(np.linalg.norm(wrench[:3]))
+    shares = change * np.linalg.pinv(G, rcond=_RANK)[:, :3]
     program = MathematicalProgram()
     x = program.NewContinuousVariables(size)
     imbalance, excess = program.NewContinuousVariables(2)
@@ -219,10 +233,12 @@ def _solve(
     program.AddBoundingBoxConstraint(0, np.inf, excess)
     program.AddBoundingBoxConstraint(np.full(n, least), largest, x[: 3 * n : 3])
     for i in range(n):
-        along = np.append(x[3 * i + 1 : 3 * i + 3], x[3 * n :][soft == i])
-        friction_limit = float(friction) * x[3 * i]
-        for limit in (friction_limit, PREFERRED_SHARE * friction_limit + excess):
-            program.AddLorentzConeConstraint(np.array([limit, *along]))
+        tangential = [3 * i + 1, 3 * i + 2, *(3 * n + np.flatnonzero(soft == i))]
+        T, N = shares[tangential], shares[3 * i]
+        changed = float(np.linalg.norm(T, 2) + friction * np.linalg.norm(N))
+        limit = float(friction) * x[3 * i]
+        for most in (limit, PREFERRED_SHARE * limit + excess, limit - changed + excess):
+            program.AddLorentzConeConstraint(np.array([most, *x[tangential]]))
     if len(torques):
         program.AddLinearConstraint(torques, -efforts, efforts, x)
     result = ClarabelSolver().Solve(program)

@@ -12,7 +12,7 @@ from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase
 from drake_pregrasp.grasping.held_motion import TETHER
-from drake_pregrasp.grasping.object_stiffness import HOLDING_GAIN
+from drake_pregrasp.grasping.object_stiffness import holding_gain
 
 MEETING = 1.5  # Time of the meeting, in seconds.
 STIFFNESS = 400.0
@@ -414,7 +414,7 @@ def test_in_the_hold_fingers_keep_the_object_where_it_was_lifted_to():
             forces[name] = hand.eval("command").f_T_W
         pushes = forces["moved"] - forces["resting"]
         holds = phase == GraspPhase.HOLD
-        springs = np.outer(active, -HOLDING_GAIN * STIFFNESS * way)
+        springs = np.outer(active, -holding_gain(CONTROL_PERIOD) * STIFFNESS * way)
         np.testing.assert_allclose(pushes, holds * springs, atol=1e-6)
         hand.fix(p_WT=tips_at(X_WG, 0.0))
         hand.tick()

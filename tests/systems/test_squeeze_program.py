@@ -9,7 +9,13 @@ from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import InvalidArgumentError
 from drake_pregrasp.grasping.grasp_state import GiveUp
-from drake_pregrasp.systems.squeeze_program import PREFERRED_SHARE, internal_forces, plan_squeeze
+from drake_pregrasp.systems.squeeze_program import (
+    LOAD_CHANGE,
+    PREFERRED_SHARE,
+    balancing_forces,
+    internal_forces,
+    plan_squeeze,
+)
 
 WEIGHT = np.array([0, 0, -4.0, 0, 0, 0])
 AROUND = 2 * np.pi * np.arange(5) / 5
@@ -90,8 +96,25 @@ def test_forces_lie_in_their_cones_and_bounds_and_within_the_torques(z, friction
 @given(st.floats(-3, 3), st.floats(-1, 1), st.floats(-3, 3))
 def test_a_turned_scene_has_turned_forces(roll, pitch, yaw):
     R = Rotation.from_euler("xyz", [roll, pitch, yaw]).as_matrix()
-    turned = squeeze(RING @ R.T, OUTWARD @ R.T, np.append(R @ WEIGHT[:3], np.zeros(3)))
-    np.testing.assert_allclose(turned.forces @ R, squeeze().forces, atol=1e-5)
+    for p in (RING, raised(np.full(5, 0.05))):
+        turned = squeeze(p @ R.T, OUTWARD @ R.T, np.append(R @ WEIGHT[:3], np.zeros(3)))
+        np.testing.assert_allclose(turned.forces @ R, squeeze(p).forces, atol=1e-4)
+
+
+@few
+@given(arrays(float, 3, elements=st.floats(-1, 1)), st.floats(0.02, 0.06), st.floats(0.4, 1))
+def test_forces_stay_in_their_cones_when_the_load_changes(push, height, friction):
+    """Contacts over the centre of mass also bear the moment of a push on it."""
+    p = raised(np.full(5, height))
+    forces = squeeze(p, friction=friction, largest=100.0, least=0.0).forces
+    push *= LOAD_CHANGE * np.linalg.norm(WEIGHT) / max(1.0, float(np.linalg.norm(push)))
+    normal, along = split(forces + balancing_forces(p, np.append(push, np.zeros(3))))
+    assert np.all(along <= friction * normal + 1e-3)
+
+
+def test_higher_contacts_press_harder_against_changes_of_the_load():
+    sizes = [size(squeeze(raised(np.full(5, z)), least=0.0)) for z in (0.0, 0.04, 0.06, 0.08)]
+    assert np.all(np.diff(sizes) > 0)
 
 
 def test_fingers_that_are_alike_carry_alike_within_the_preferred_cones():
