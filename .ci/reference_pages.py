@@ -149,6 +149,17 @@ def described(system: type) -> dict[tuple[str, str], str]:
     return found
 
 
+def inner_ports(system: type) -> dict[tuple[str, str], str]:
+    """Returns links to what other systems of a module say of ports of the same name."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for name, inner in vars(inspect.getmodule(system)).items():
+        is_ours = str(getattr(inner, "__module__", "")).startswith("drake_pregrasp.")
+        if inspect.isclass(inner) and is_ours and inner is not system and port_block(inner):
+            for port in ports(inner):
+                found.setdefault(port, []).append(f"[`{name}`](#{name.lower()})")
+    return {port: f"as for {' and '.join(links)}" for port, links in found.items()}
+
+
 def arguments(system: type) -> list[tuple[str, str]]:
     """Returns the name of each argument of the constructor, and what the docstring says of it."""
     _, _, after = (inspect.getdoc(system) or "").partition("\nArgs:\n")
@@ -172,7 +183,7 @@ def ports_page() -> str:
         if not inspect.isclass(system) or not port_block(system):
             continue
         text = inspect.getdoc(system) or ""
-        said = described(system)
+        said = inner_ports(system) | described(system)
         rows = [
             f"| {way} | `{port}` | {said.get((way, port), '')} |" for way, port in ports(system)
         ]

@@ -225,7 +225,7 @@ def test_the_guide_to_studies_names_what_there_is(capsys):
 
 @pytest.mark.slow
 def test_the_study_in_the_guide_makes_its_runs(tmp_path):
-    (tmp_path / "my_study.yaml").write_text(block("studies.md", "yaml"))
+    (tmp_path / "my_study.yaml").write_text(blocks("studies.md", "yaml")[0])
     study = load_study(str(tmp_path / "my_study.yaml"))
     jobs = study.jobs()
     assert len(jobs) == 2 * 2 * 2 * 5
@@ -235,11 +235,11 @@ def test_the_study_in_the_guide_makes_its_runs(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_source_of_goals_that_contributing_shows_grasps(tmp_path, monkeypatch):
-    _, source = blocks("../CONTRIBUTING.md", "python")
+def test_the_source_of_goals_in_the_guide_to_studies_grasps(tmp_path, monkeypatch):
+    source = block("studies.md", "python")
     (tmp_path / "my_goals.py").write_text(source)
-    (tmp_path / "my_study.yaml").write_text(block("../CONTRIBUTING.md", "yaml"))
-    assert len(source.splitlines()) <= 40
+    (tmp_path / "my_study.yaml").write_text(blocks("studies.md", "yaml")[1])
+    assert len(source.splitlines()) <= 30
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.path", [*sys.path])
     monkeypatch.setitem(GOAL_SOURCES, "carried", None)
@@ -252,7 +252,7 @@ def test_the_source_of_goals_that_contributing_shows_grasps(tmp_path, monkeypatc
 
 
 def test_the_strategy_that_contributing_shows_is_planned_with(surface, p_OC):
-    strategy = executed("CONTRIBUTING", blocks("../CONTRIBUTING.md", "python")[0])["high_contacts"]
+    strategy = executed("CONTRIBUTING", block("../CONTRIBUTING.md", "python"))["high_contacts"]
     heights = []
     for weight_function in (None, strategy):
         config = PlannerConfig(static_duration=0.0)

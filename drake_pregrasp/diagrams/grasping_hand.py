@@ -1,7 +1,7 @@
 """A hand that plans and grasps in a diagram of your own."""
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -41,32 +41,12 @@ from drake_pregrasp.diagrams.object_contact import (
 from drake_pregrasp.diagrams.object_plant import TABLE
 from drake_pregrasp.diagrams.plant_match import base_pose, matching_joints
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
-from drake_pregrasp.diagrams.wiring import connect
+from drake_pregrasp.diagrams.wiring import connect, connect_inputs
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.mesh_solid import MeshSolid
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.systems.sources import ContactWeights, MovingObstacles, MovingSolid
-
-
-class GoalInputs(NamedTuple):
-    """Systems that a source of goals may read.
-
-    Attributes:
-        planner: Planner of the contacts.
-        controller: Controller of the hand.
-        weights: System that emits `contact_weights`, with -inf for lost fingers.
-        obstacles: System that emits the `obstacles` of contacts.
-    """
-
-    planner: PregraspPlanner
-    controller: HandController
-    weights: System
-    obstacles: System
-
-
-GoalSource = Callable[[DiagramBuilder, GoalInputs], System]
-"""Function that adds a system with the outputs `fingertip_targets` and `contact_status`."""
 
 
 class GraspingHand(NamedTuple):
@@ -96,7 +76,7 @@ def add_grasping_hand(
     plant_time_step: float,
     weights: System,
     obstacles: System,
-    goals: GoalSource | None = None,
+    goals: System | None = None,
     seen_solid: MeshSolid | None = None,
 ) -> GraspingHand:
     """Adds a planner and a controller for a hand, and connects them to each other.
@@ -118,7 +98,9 @@ def add_grasping_hand(
         plant_time_step: Time step of the hand's plant, in seconds.
         weights: System that emits `contact_weights`.
         obstacles: System that emits the `obstacles` of contacts, `fixed` among them.
-        goals: Source of the hand's goals; by default the planner.
+        goals: System that emits the hand's `fingertip_targets` and `contact_status`; None for the
+            planner. It is added, and its input ports are connected to the output ports of the same
+            names of planner, controller, `weights` and `obstacles`.
         seen_solid: The object in O, for the planner's `point_cloud`; None without.
     """
     controller = builder.AddNamedSystem(
@@ -153,7 +135,8 @@ def add_grasping_hand(
     connect(builder, obstacles, "obstacles", planning)
     source: System = planning
     if goals is not None:
-        source = goals(builder, GoalInputs(planning, controller, weights, obstacles))
+        source = builder.AddNamedSystem("goal_source", goals)
+        connect_inputs(builder, source, planning, controller, weights, obstacles)
     connect(builder, source, "fingertip_targets contact_status", controller)
     connect(builder, planning, "X_WO_estimated V_WO_estimated tracking_status", controller)
     connect(builder, planning, "p_WO_covariance camera_offset", controller)

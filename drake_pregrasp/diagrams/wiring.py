@@ -2,6 +2,8 @@
 
 from pydrake.systems.framework import DiagramBuilder, System
 
+from drake_pregrasp.errors import InvalidArgumentError
+
 
 def connect(builder: DiagramBuilder, source: System, names: str, *targets: System) -> None:
     """Connects output ports of a system to the input ports of the same names.
@@ -17,6 +19,29 @@ def connect(builder: DiagramBuilder, source: System, names: str, *targets: Syste
         for target in targets:
             port = target.GetInputPort(target_input or output)
             builder.Connect(source.GetOutputPort(output), port)
+
+
+def connect_inputs(builder: DiagramBuilder, target: System, *sources: System) -> None:
+    """Connects all input ports of a system to the output ports of the same names.
+
+    Args:
+        builder: Builder of the diagram.
+        target: System with the input ports.
+        sources: Systems with the output ports; the first one with a name counts.
+
+    Raises:
+        InvalidArgumentError: If no source has an output port of a name.
+    """
+    for port in map(target.get_input_port, range(target.num_input_ports())):
+        name = port.get_name()
+        source = next((source for source in sources if source.HasOutputPort(name)), None)
+        if source is None:
+            systems = ", ".join(source.get_name() for source in sources)
+            raise InvalidArgumentError(
+                f"{type(target).__name__}: input port {name}: no output port of this name in"
+                f" {systems}"
+            )
+        builder.Connect(source.GetOutputPort(name), port)
 
 
 def export_inputs(builder: DiagramBuilder, names: str, *systems: System) -> None:

@@ -167,7 +167,7 @@ def write_clearances(  # type: ignore[no-untyped-def]
         link: `NearPairs.link`, shape (k,).
         other: `NearPairs.other`, shape (k,).
         gaps: `NearPairs.gaps`, shape (k,), in metres.
-        p: `NearPairs.p_WC`, shape (k, 3), in metres.
+        p: `NearPairs.p_WQ`, shape (k, 3), in metres.
         n: `NearPairs.normals`, shape (k, 3).
         screws: Screws of the hand's joints, shape (6, nq).
         V: Velocity of the object at the origin of W, shape (6,), in rad/s and m/s.

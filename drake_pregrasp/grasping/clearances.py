@@ -65,14 +65,14 @@ class NearPairs(NamedTuple):
         link: Index of the link, shape (k,).
         other: Index of the other thing in `Links`, shape (k,).
         gaps: Signed distances, shape (k,), in metres.
-        p_WC: A point of the line between the nearest points, shape (k, 3), in metres.
+        p_WQ: A point of the line between the nearest points, shape (k, 3), in metres.
         normals: Unit vectors along it in W, from the other thing to the link, shape (k, 3).
     """
 
     link: IntArray
     other: IntArray
     gaps: FloatArray
-    p_WC: FloatArray
+    p_WQ: FloatArray
     normals: FloatArray
 
 
@@ -112,13 +112,13 @@ def clearances(
             it, but its links stay farther from it.
         rate: Largest ratio of the speed at which a gap closes to the gap that is left, in 1/s.
     """
-    link, other, gaps, p_WC, normals = near
+    link, other, gaps, p_WQ, normals = near
     m = len(links.finger)
     is_object, among_fingers, finger = other == m, other < m, links.finger[link]
     is_tip = links.is_tip[link]
     least_gaps = np.where(is_tip, TIP_CLEARANCE, LINK_CLEARANCE)
     least_gaps[among_fingers] = FINGER_CLEARANCE
-    moments = (skew(p_WC) @ normals[:, :, None])[:, :, 0]
+    moments = (skew(p_WQ) @ normals[:, :, None])[:, :, 0]
     along = np.concatenate([moments, normals], axis=1)
     rates = (along @ screws) * (links.moves[link] - links.moves[other])
     drift = is_object * (along @ V_W)

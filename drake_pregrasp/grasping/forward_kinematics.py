@@ -67,13 +67,13 @@ def forward_kinematics(tree: KinematicTree, q: FloatArray) -> HandPose:
         q: Positions of the joints, shape (nq,), in radians or metres.
     """
     w, v = tree.screws.T.reshape(-1, 2, 3).swapaxes(0, 1)
-    turns, W, sine = np.logical_or.reduce(w != 0, axis=1), skew(w), np.sin(q)[:, None, None]
+    turns, cross, sine = np.logical_or.reduce(w != 0, axis=1), skew(w), np.sin(q)[:, None, None]
     center = np.cross(w, v)
     slide = np.where(turns[:, None], np.add.reduce(w * v, axis=1)[:, None] * w, v)
     # The last motion is that of W, which stays.
     R, p = np.empty((len(q) + 1, 3, 3)), np.zeros((len(q) + 1, 3))
     R[-1] = np.eye(3)
-    R[:-1] = R[-1] + sine * W + (1 - np.cos(q))[:, None, None] * (W @ W)
+    R[:-1] = R[-1] + sine * cross + (1 - np.cos(q))[:, None, None] * (cross @ cross)
     p[:-1] = center - _turned(R[:-1], center) + q[:, None] * slide
     for joints in tree.levels[1:]:
         before = tree.before[joints]

@@ -70,14 +70,14 @@ def hand_goals(
         yaw: Last yaw of the palm, in radians.
         lead: Seconds by which the goals of fingertips are ahead.
     """
-    (w_WG, v_WG), R_WG, W = command.V_WG, command.R_WG, skew(command.V_WG[0])
+    (w_WG, v_WG), R_WG, spin = command.V_WG, command.R_WG, skew(command.V_WG[0])
     R_ahead, p_GL_W = rotation_matrix(w_WG * lead) @ R_WG, R_WG @ axis.p_OCoM
     p_AT = (p_GT @ R_WG.T - p_GL_W) @ axis.R_AL.T + axis.p_AL
     return HandGoals(
         p_WT=p_GT @ R_ahead.T + command.p_WG + v_WG * lead,
-        v_WT=p_GT @ (W @ R_WG).T + v_WG + v_GT @ R_WG.T,
+        v_WT=p_GT @ (spin @ R_WG).T + v_WG + v_GT @ R_WG.T,
         p_WL=command.p_WG + p_GL_W,
-        v_WL=v_WG + W @ p_GL_W,
+        v_WL=v_WG + spin @ p_GL_W,
         yaw=palm_turn(p_AT, axis.finger_azimuths, yaw, axis.yaw_range),
         yaw_rate=float(axis.R_AL[2] @ w_WG),
     )

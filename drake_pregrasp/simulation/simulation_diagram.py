@@ -10,7 +10,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from drake_pregrasp.config.sensor_config import Camera
 from drake_pregrasp.diagrams.depth_sensor import DepthSensor
-from drake_pregrasp.diagrams.grasping_hand import GoalSource, GraspingHand, add_grasping_hand
+from drake_pregrasp.diagrams.grasping_hand import GraspingHand, add_grasping_hand
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_station import HandStation
@@ -50,7 +50,7 @@ def make_diagram(
     live: bool = False,
     camera: CameraView | None = None,
     continues: Diagram | None = None,
-    goals: GoalSource | None = None,
+    goals: System | None = None,
     forces: ForceMakers = (),
 ) -> Diagram:
     """Returns the diagram of a scenario.
@@ -68,7 +68,7 @@ def make_diagram(
             camera stays and sees the whole motion.
         continues: Diagram of a scenario with the same object and contacts, whose drawings and
             camera in the viewer this one keeps.
-        goals: Source of the goals of a hand; by default the planner.
+        goals: System that emits the goals of a hand; None for the planner (`add_grasping_hand`).
         forces: Systems with forces on the body of the object. Replayed poses ignore them.
 
     Raises:
@@ -199,7 +199,7 @@ def add_hand(
     resolved: ResolvedScenario,
     model: HandModel,
     weights: System,
-    goals: GoalSource | None = None,
+    goals: System | None = None,
 ) -> GraspingHand:
     """Adds the planner and the controller of a scenario's hand.
 
@@ -310,8 +310,8 @@ def _add_sensor(
     if isinstance(camera := resolved.scenario.sensor, Camera):
         inspector = plant.scene_graph.model_inspector()
         frame = plant.plant.GetBodyFrameIdOrThrow(plant.plant.GetBodyByName("object").index())
-        p_WC, mesh = np.array(camera.position), resolved.surface.mesh
-        visible = VisibleShare(p_WC, mesh, inspector, frame)
+        p_WCamera, mesh = np.array(camera.position), resolved.surface.mesh
+        visible = VisibleShare(p_WCamera, mesh, inspector, frame)
         builder.AddNamedSystem("visible_share", visible)
         connect(builder, plant, "X_WO query_object", visible)
         connect(builder, visible, "visible_share", sensor)

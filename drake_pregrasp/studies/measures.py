@@ -231,6 +231,17 @@ MARGINS = MeasureGroup(
     _margins,
 )
 
+FAULTS = MeasureGroup(
+    {
+        "fault_position_error": "position error during the faults, maximum [mm]",
+        "fault_orientation_error": "orientation error during the faults, maximum [°]",
+        "fault_recovery": "recovered after [s]",
+        "fault_tracked_share": "share of the faults' ticks: tracking",
+        "fault_lost_share": "share of the faults' ticks: lost",
+    },
+    _faults,
+)
+
 _WHERE = {"before": "before the command", "closing": "in closing"}
 _MOTION = {
     f"{verb}_{part}_{unit}": f"object {verb} {_WHERE.get(part, f'in the {part}')} [{shown}]"
@@ -267,16 +278,7 @@ MEASURE_GROUPS = [
         },
         _validity,
     ),
-    MeasureGroup(
-        {
-            "fault_position_error": "position error during the faults, maximum [mm]",
-            "fault_orientation_error": "orientation error during the faults, maximum [°]",
-            "fault_recovery": "recovered after [s]",
-            "fault_tracked_share": "share of the faults' ticks: tracking",
-            "fault_lost_share": "share of the faults' ticks: lost",
-        },
-        _faults,
-    ),
+    FAULTS,
     MeasureGroup(
         {f"late_goal_error_{ms}ms": f"goal error {ms} ms later, median [mm]" for ms in DELAYS_MS},
         _late_goals,
@@ -288,6 +290,15 @@ adapt."""
 
 MEASURES: Mapping[str, str] = {n: s for group in MEASURE_GROUPS for n, s in group.labels.items()}
 """Labels of all measures by their names."""
+
+_NOT_OF_CONTACTS = {"position_error_mean", "position_error_max", "ticks"}
+PLANNED_CONTACTS = frozenset(
+    name
+    for group in MEASURE_GROUPS
+    if group not in (FAULTS, GRASP)
+    for name in group.labels.keys() - _NOT_OF_CONTACTS
+)
+"""Measures of the planner's contacts, which a hand with another source of goals does not follow."""
 
 DEFAULT_MEASURES = (
     *(f"{q}_{kind}" for q in _QUALITIES for kind in ("mean", "final")),

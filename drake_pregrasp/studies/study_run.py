@@ -13,7 +13,7 @@ from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import scenario_from_data
 from drake_pregrasp.simulation.simulation_diagram import make_diagram, make_simulator
 from drake_pregrasp.studies.grasps.fitting_objects import fits, opening
-from drake_pregrasp.studies.grasps.goal_sources import RegisteredSource
+from drake_pregrasp.studies.grasps.goal_sources import GoalSource
 from drake_pregrasp.studies.grasps.grasp_trial import GraspTrial
 from drake_pregrasp.studies.measures import SimulatedRun, measure
 from drake_pregrasp.studies.study_axes import RANDOM_OBJECTS
@@ -38,7 +38,7 @@ class StudyRun:
     """
 
     study: Study
-    sources: Mapping[str, RegisteredSource]
+    sources: Mapping[str, GoalSource]
 
     def __call__(self, job: Mapping[str, Any]) -> list[dict[str, Any]]:
         """Returns the rows of a job: one for each closing time, or one."""
@@ -77,7 +77,7 @@ class StudyRun:
         """
         return GraspTrial(self.resolved(job), self._source(job))
 
-    def _source(self, job: Mapping[str, Any]) -> RegisteredSource | None:
+    def _source(self, job: Mapping[str, Any]) -> GoalSource | None:
         goals = self.study.method_of(job).goals
         return self.sources[goals] if goals else None
 

@@ -245,10 +245,10 @@ class HandScene:
                 found.append((b, a, pair.distance, pair.p_BCb, -pair.nhat_BA_W))
         if not found:
             return Clearances(np.empty((0, len(pose.screws.T))), np.empty(0), np.empty(0, int))
-        link, other, gaps, p_LC, normals = (np.array(part) for part in zip(*found, strict=True))
+        link, other, gaps, p_LQ, normals = (np.array(part) for part in zip(*found, strict=True))
         X_WB = pose.X_WB[self._bodies[link]]
-        p_BC = self._R_BL[link] @ p_LC[:, :, None] + self._p_BL[link]
-        p_WC = (X_WB[:, :, :3] @ p_BC)[:, :, 0] + X_WB[:, :, 3]
+        p_BQ = self._R_BL[link] @ p_LQ[:, :, None] + self._p_BL[link]
+        p_WQ = (X_WB[:, :, :3] @ p_BQ)[:, :, 0] + X_WB[:, :, 3]
         R_WO, p_WO, (w_WO, v_WO) = command.R_WO, command.p_WO, command.V_WO
         holding = command.fingers_hold
         if holding.any():
@@ -256,9 +256,9 @@ class HandScene:
         rows = np.flatnonzero(other == links)
         if self._solid is not None and len(rows):  # Drake measures from the hull of the object.
             solid = self._solid.moved(R_WO, p_WO)
-            gaps[rows], p_WC[rows], normals[rows] = self._nearest(solid, link[rows], pose)
+            gaps[rows], p_WQ[rows], normals[rows] = self._nearest(solid, link[rows], pose)
         V_W = np.concatenate([w_WO, v_WO + skew(p_WO) @ w_WO])  # At the origin of W.
-        near = NearPairs(link, other, gaps, p_WC, normals)
+        near = NearPairs(link, other, gaps, p_WQ, normals)
         return self.kernels.clearances(self._links, near, pose.screws, V_W, holding, rate)
 
     def _nearest(

@@ -151,7 +151,7 @@ class HeldFrame:
         last, p_GT, time = memory.last, memory.p_GT, context.get_time()
         settings = self._held.settings
         if not memory.stands:
-            return last.stopping(time, settings.stop_duration)
+            return self._stopping(last, time)
         now = last.at(time)
         if state.phase == GraspPhase.BACK_OFF or self._in_air:
             return now
@@ -179,6 +179,10 @@ class HeldFrame:
         _, p_WG = corrected_pose(R_WO, p_WO, self._held.p_OCoM, self.offset.Eval(context))
         return motion.within(p_WG, TETHER)
 
+    def _stopping(self, last: HeldMotion, time: float) -> HeldMotion:
+        """Returns the motion at a time in the lift or after it, in which G comes to rest."""
+        return last.stopping(time, self._held.settings.stop_duration)
+
     def frame(self, context: Context) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Returns R_WG, p_WG and V_WG of the held object; V_WG is that after half a period."""
         motion: HeldMotion = self.near.Eval(context)
@@ -186,7 +190,7 @@ class HeldFrame:
         V_WG = motion.V_WG
         if not memory.stands:
             middle = context.get_time() + self._period / 2
-            V_WG = memory.last.stopping(middle, self._held.settings.stop_duration).V_WG
+            V_WG = self._stopping(memory.last, middle).V_WG
         return motion.R_WG, motion.p_WG, V_WG
 
     def calc_velocity(self, context: Context) -> SpatialVelocity:
@@ -202,7 +206,7 @@ class HeldFrame:
         if memory.stands:
             w_WG, v_WG = last.at(time).V_WG
         else:
-            w_WG, v_WG = last.stopping(time, self._held.settings.stop_duration).V_WG
+            w_WG, v_WG = self._stopping(last, time).V_WG
         rising = state.height.rate(time) * self._held.lift_axis
         return SpatialVelocity(w=w_WG, v=v_WG + rising)
 

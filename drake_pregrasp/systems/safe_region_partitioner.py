@@ -12,7 +12,6 @@ from drake_pregrasp.arrays import (
     BoolArray,
     FloatArray,
     are_valid_points,
-    validated_rates,
     validated_weights,
 )
 from drake_pregrasp.config.planner_config import PlannerConfig
@@ -314,7 +313,7 @@ class SafeRegionPartitioner(LeafSystem):
         """Returns the poses of W in the predicted frames O, shapes (t, 3, 3) and (t, 3)."""
         (w, v), port = np.zeros((2, 3)), self._V_WO
         if len(self._moments) > 1 and port.HasValue(context):
-            w, v = validated_rates(port.Eval(context).get_coeffs()).reshape(2, 3)
+            w, v = ports.validated_velocity(port.Eval(context))
         back = rotation_matrix(-w * self._moments[:, None])
         R_OW = X_WO.rotation().matrix().T @ back
         p_WO = X_WO.translation() + self._moments[:, None] * v

@@ -57,15 +57,17 @@ def declare_goals(
     targets: Callable[[Context], Mapping[int, RigidTransform]],
     status: Callable[[Context], FloatArray],
 ) -> None:
-    """Declares the output ports of the hand's goals.
+    """Declares the output ports of the hand's goals, and the input port `contact_weights`.
 
     Args:
-        system: System with an input port `contact_weights`, which marks lost fingers.
+        system: System that emits the goals.
         tip_frames: Scoped names of the fingertips' frames.
         targets: Function that returns the targets X_WC by the fingers' indices.
         status: Function that returns the contact status of each finger, shape (n,), without regard
             to lost fingers.
     """
+    if not system.HasInputPort("contact_weights"):
+        system.DeclareVectorInputPort("contact_weights", len(tip_frames))
 
     def calc_targets(context: Context) -> BusValue:
         return pose_bus({tip_frames[f]: X_WC for f, X_WC in targets(context).items()})

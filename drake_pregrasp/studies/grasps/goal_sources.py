@@ -3,57 +3,46 @@
 from collections.abc import Callable
 
 import numpy as np
-from pydrake.systems.framework import DiagramBuilder, System
+from pydrake.systems.framework import System
 
-from drake_pregrasp.diagrams.grasping_hand import GoalInputs
-from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.studies.grasps.baseline_goals import RayTarget, ReactiveChoice, StationaryHand
 
-RegisteredSource = Callable[[ResolvedScenario, DiagramBuilder, GoalInputs], System]
-"""Function that adds a system with the outputs `fingertip_targets` and `contact_status`.
+GoalSource = Callable[[ResolvedScenario], System]
+"""Class or function of a module that returns a system for a scenario with a hand.
 
-Its arguments are the scenario with a hand, the builder of the diagram, and the systems that the
-source may read. It is a module's function, because runs are made in other processes.
+The system emits `fingertip_targets` and `contact_status`. Its input ports are connected by their
+names, as `add_grasping_hand` says. Runs are made in other processes, which import the module.
 """
 
 
-def add_stationary_hand(
-    resolved: ResolvedScenario, builder: DiagramBuilder, inputs: GoalInputs
-) -> System:
-    """Adds goals of a hand that follows the object, does not turn, and closes without a plan."""
+def stationary_hand(resolved: ResolvedScenario) -> StationaryHand:
+    """Returns goals of a hand that follows the object, does not turn, and closes without a plan."""
     assert resolved.hand is not None
-    goals = StationaryHand(
+    return StationaryHand(
         resolved.hand.kinematics.tip_frames,
         azimuths=resolved.hand.azimuths + resolved.start.yaw,
         target=ray_target(resolved),
         limits=resolved.planner.limits,
     )
-    _add(builder, inputs, goals)
-    return goals
 
 
-def add_reactive_choice(
-    resolved: ResolvedScenario, builder: DiagramBuilder, inputs: GoalInputs
-) -> System:
-    """Adds goals of the three fingers that are nearest to an antipodal grasp."""
+def reactive_choice(resolved: ResolvedScenario) -> ReactiveChoice:
+    """Returns goals of the three fingers that are nearest to an antipodal grasp."""
     assert resolved.hand is not None
-    goals = ReactiveChoice(
+    return ReactiveChoice(
         resolved.hand.kinematics.tip_frames,
         target=ray_target(resolved),
         limits=resolved.planner.limits,
         period=resolved.planner.period,
     )
-    _add(builder, inputs, goals)
-    connect(builder, inputs.controller, "p_WT", goals)
-    return goals
 
 
-GOAL_SOURCES: dict[str, RegisteredSource] = {
-    "stationary": add_stationary_hand,
-    "reactive": add_reactive_choice,
+GOAL_SOURCES: dict[str, GoalSource] = {
+    "stationary": stationary_hand,
+    "reactive": reactive_choice,
 }
-"""Sources of goals by the names that methods use. CONTRIBUTING.md shows how to add one."""
+"""Sources of goals by the names that methods use. `docs/studies.md` shows how to add one."""
 
 
 def ray_target(resolved: ResolvedScenario) -> RayTarget:
@@ -63,10 +52,3 @@ def ray_target(resolved: ResolvedScenario) -> RayTarget:
     lowest = float(np.min(p_OV[:, 2])) + max(limits.tip_radii) + limits.clearance
     p_OA[2] = max(p_OA[2], lowest)
     return RayTarget(resolved.shape.solid, p_OV, p_OA)
-
-
-def _add(builder: DiagramBuilder, inputs: GoalInputs, goals: System) -> None:
-    builder.AddNamedSystem("goal_source", goals)
-    connect(builder, inputs.planner, "X_WO_estimated", goals)
-    connect(builder, inputs.weights, "contact_weights", goals)
-    connect(builder, inputs.obstacles, "obstacles", goals)

@@ -4,17 +4,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from pydrake.systems.framework import Context, DiagramBuilder, System
+from pydrake.systems.framework import Context
 
 from drake_pregrasp.arrays import TIME_ROUNDING
-from drake_pregrasp.diagrams.grasping_hand import GoalInputs
 from drake_pregrasp.grasping.catch_limits import CatchLimit
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
 from drake_pregrasp.grasping.held_criterion import SHAKE_END
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram, make_simulator
 from drake_pregrasp.studies.grasps.baseline_goals import StationaryHand
-from drake_pregrasp.studies.grasps.goal_sources import RegisteredSource
+from drake_pregrasp.studies.grasps.goal_sources import GoalSource
 from drake_pregrasp.studies.grasps.grasp_outcome import Outcome, Status, grasp_outcome
 from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
 
@@ -46,7 +45,7 @@ class GraspTrial:
         statuses: Status of the fingers at the planner's ticks of the tracking run so far.
     """
 
-    def __init__(self, resolved: ResolvedScenario, source: RegisteredSource | None = None) -> None:
+    def __init__(self, resolved: ResolvedScenario, source: GoalSource | None = None) -> None:
         if source is not None:  # It chooses contacts for all fingers.
             everywhere = np.ones(resolved.num_contacts, dtype=bool)
             resolved = replace(resolved, start=replace(resolved.start, has_contact=everywhere))
@@ -58,20 +57,14 @@ class GraspTrial:
         self.ticks: list[TickRecord] = []
         self.records: list[GraspRecord] = []
         self.statuses: list[Status] = []
-        added: list[System] = []
-
-        def goals(builder: DiagramBuilder, inputs: GoalInputs) -> System:
-            assert source is not None
-            added.append(source(resolved, builder, inputs))
-            return added[0]
-
+        goals = None if source is None else source(resolved)
         self.diagram = make_diagram(
             resolved,
             sink=self.ticks.append,
             grasp_sink=self.records.append,
-            goals=None if source is None else goals,
+            goals=goals,
         )
-        self.goals = added[0] if added else self.diagram.GetSubsystemByName("pregrasp_planner")
+        self.goals = goals or self.diagram.GetSubsystemByName("pregrasp_planner")
         self._simulator = make_simulator(self.diagram, scenario)
         self.context = self._simulator.get_mutable_context()
         self.command(self.context, np.inf)
