@@ -298,7 +298,7 @@ class GraspSequencer(LeafSystem):
     def _calc_late(self, context: Context) -> FloatArray:
         state: GraspState = self._grasp.Eval(context)
         p_OC, nhat, _ = self._contact_frames(context)
-        p_GT_goal = self._tip_goals(p_OC, nhat, state.standoffs)
+        p_GT_goal = p_OC + (self._radius + state.standoffs)[:, None] * nhat
         away = norms(p_GT_goal - self._tips(context)) - self._settings.gate_distance
         is_late = self._pace.least_times(away) > self._time_to_close(context)
         return np.asarray(is_late & (state.phase <= GraspPhase.TRACK), dtype=float)
@@ -315,10 +315,6 @@ class GraspSequencer(LeafSystem):
         contacts, n = self._contacts.Eval(context), len(self._radius)
         p_OC, nhat = validated_numbers(contacts[: 6 * n]).reshape(2, n, 3)
         return p_OC, nhat, contacts[6 * n :] > 0
-
-    def _tip_goals(self, p_OC: FloatArray, nhat: FloatArray, standoffs: FloatArray) -> FloatArray:
-        """Returns the goals of the fingertips' centres in G, shape (n, 3), in metres."""
-        return np.asarray(p_OC + (self._radius + standoffs)[:, None] * nhat)
 
     def _tips(self, context: Context) -> FloatArray:
         """Returns the fingertips' centres in G, shape (n, 3), in metres."""
@@ -344,7 +340,7 @@ class GraspSequencer(LeafSystem):
                 surface_gaps = heights - self._radius
             if not self._in_air:  # In the air, the object moves to where the fingers are.
                 rows = touch_rows(p_GT - self._p_OCoM, normals, command.R_WG)
-        p_GT_goal = self._tip_goals(p_OC, nhat, state.standoffs)
+        p_GT_goal = p_OC + (self._radius + state.standoffs)[:, None] * nhat
         distances = norms(p_GT_goal - p_GT)
         close = float(self._close.Eval(context)[0])
         blocked = NOT_BLOCKED
