@@ -41,6 +41,7 @@ def test_a_command_uses_one_thread_for_matrices(monkeypatch):
     assert set(used) == {1}
 
 
+@pytest.mark.slow
 def test_run_says_where_the_results_are(tmp_path, capsys):
     assert main(["run", "a_base", "--out", str(tmp_path), *SHORT]) == 0
     captured = capsys.readouterr()

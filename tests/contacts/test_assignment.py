@@ -201,6 +201,7 @@ def test_symmetries_of_boxes_are_counted(surface, count):
     np.testing.assert_array_equal(symmetries[0], np.eye(3))
 
 
+@pytest.mark.slow
 def test_round_objects_turn_about_their_axes():
     of_can, of_cup, of_ball = map(surface_symmetries, (OPEN_CAN, CUP_SURFACE, BALL))
     for symmetries, flips in ((of_can, {-1, 1}), (of_cup, {1})):
@@ -304,6 +305,7 @@ def test_changes_are_worthwhile_equivalent_and_in_order(seed, name, n, lost, gai
     assert permitted[1] >= max(permitted[0], 1)
 
 
+@pytest.mark.slow
 @settings(max_examples=12)
 @given(seeds, names, st.integers(3, 4))
 def test_the_change_costs_least_of_all_that_keep_the_order(seed, name, n):

@@ -45,6 +45,7 @@ def test_the_least_width_across_an_axis_is_that_of_the_box():
         assert points.least_width(JAWS, np.eye(3)[axis]) == pytest.approx(least, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_the_least_width_of_many_points_needs_little_memory():
     p_OQ = np.random.default_rng(0).uniform(-0.04, 0.04, (1500, 3))
     normals = np.tile([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]], (750, 1))

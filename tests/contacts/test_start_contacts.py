@@ -96,6 +96,7 @@ SLOW = ["box1", "cylinder0", "mug", "screwdriver"]
 SHAPES = ["box0", slow("ball"), *map(slow, SLOW)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SHAPES)
 def test_chosen_contacts_pass_all_tests_and_hold_the_object(name):
     shape = shape_of(name)
@@ -197,6 +198,7 @@ def test_a_larger_reach_gives_no_smaller_margin(name):
     assert np.all(np.diff(margins) >= -0.05), margins
 
 
+@pytest.mark.slow
 def test_the_palm_stays_within_its_range():
     start, _ = chosen(shape_of("box0"), yaw_range=(0.2, 0.4))
     assert 0.2 <= start.yaw <= 0.4
@@ -225,6 +227,7 @@ def test_a_finger_without_a_place_stays_away():
     assert start.has_contact.tolist() == [True, True, False, True, True]
 
 
+@pytest.mark.slow
 def test_contacts_at_which_links_are_inside_of_the_object_are_left_out():
     free, _ = chosen(shape_of("box0"))
 
@@ -299,6 +302,7 @@ def ball_reaches(direction, radius):
     return [FingerReach(BallSolid(center, radius), np.array(direction), incidence=1.2)] * N
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("lack", "message", "options"),
     [
@@ -328,6 +332,7 @@ def test_it_says_what_is_missing(lack, message, options):
     assert error.value.lack == lack
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "options"),
     [

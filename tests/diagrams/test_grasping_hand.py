@@ -114,6 +114,7 @@ def test_a_robot_that_is_not_in_the_plant_is_refused():
         add(robot=ModelInstanceIndex(7))
 
 
+@pytest.mark.slow
 def test_an_object_in_the_table_and_late_joints_are_said_at_once():
     with pytest.raises(
         dp.InvalidArgumentError, match="X_WO: the object is 20 mm deep in the table"

@@ -57,6 +57,7 @@ def test_a_conveyor_brings_an_object_from_its_start_place(y):
     np.testing.assert_allclose(expected_path(motion, 1.0, shape)[0], [-0.7, y, 0.07], atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["drake", "mujoco"])
 @pytest.mark.parametrize(("thing", "y"), [(Ball(radius=0.035), 0.0), (BOX, 0.08)])
 def test_what_a_conveyor_carries_moves_with_it_from_the_start_on(thing, y, engine):
@@ -144,6 +145,7 @@ def test_a_push_through_the_centre_moves_the_object_its_way():
     assert after.translation()[2] == pytest.approx(0.05, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_push_off_the_centre_turns_the_object():
     turns = {}
     for offset in (-0.02, 0.0, 0.02):

@@ -31,6 +31,7 @@ WALLS = {
 SLIDE = Toss(position=[0.0, 0.0, 0.05], velocity=[2.0, 0.0, 0.0], table=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WALLS)
 def test_an_object_that_slides_stops_at_a_wall(name):
     """Half of its length before it, and a ball is met at its front."""

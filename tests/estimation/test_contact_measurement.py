@@ -148,6 +148,7 @@ def test_points_of_a_side_tell_the_height_as_well_as_one_point_does():
     assert variance(standing()) == pytest.approx(variance(one), rel=0.02)
 
 
+@pytest.mark.slow
 def test_what_lies_on_no_flat_side_may_roll():
     """A can that lies between two facets: standing on the nearer one, it would roll there."""
     solid = MeshSolid.of(trimesh.creation.cylinder(0.03, 0.11, sections=32))
@@ -302,6 +303,7 @@ def test_the_hand_and_the_filter_do_not_correct_the_same_error_twice(estimated_f
     assert (np.linalg.norm(offset[:2]) < 2e-3) == was_felt
 
 
+@pytest.mark.slow
 def test_contacts_do_not_turn_what_no_picture_has_shown_to_turn():
     """The facets of a can would turn it about its axis, and the touch would not tell the offset."""
     mesh = trimesh.creation.cylinder(0.04, 0.11, sections=32)

@@ -51,6 +51,7 @@ def test_a_first_pose_needs_half_of_the_points(share, is_found):
     assert np.isfinite(seen.measured(p_WQ, 0.0, belief).p_WO).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", [2.2, 2.8, -2.6, 3.1])
 def test_after_a_loss_a_pose_that_looks_the_same_does_not_replace_the_prediction(turn):
     """A box looks the same after half a turn, and without a prediction it is the other one."""

@@ -102,6 +102,7 @@ RUNS = 60
 BAND = chi2.ppf([0.0005, 0.9995], 6 * RUNS) / RUNS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("noise", "p_OCoM"), [(NOISE, np.zeros(3)), (FLIGHT, np.array([0.3, -0.2, 0.1]))]
 )

@@ -333,6 +333,7 @@ def test_equivalent_poses_of_a_symmetric_object_are_the_same_measurement():
     assert Verdict.OUTLIER in follow(flipped)[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("thetas", "count"),
     [

@@ -61,6 +61,7 @@ def transcribed(faults, seed):
         yield (-math.inf, math.nan) if tick is None else (tick * T, 100.0 * shown)
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(
     faults=st.builds(

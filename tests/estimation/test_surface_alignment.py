@@ -168,6 +168,7 @@ def test_the_table_does_not_turn_what_a_camera_shows_at_a_wrong_height():
     assert right == count
 
 
+@pytest.mark.slow
 def test_of_the_poses_of_a_cube_the_one_turned_least_from_the_axes_of_w_is_chosen():
     cube = trimesh.creation.box([0.065] * 3)
     grid, align = distance_grid(cube), default_kernels().align_pose()

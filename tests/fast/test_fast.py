@@ -204,6 +204,7 @@ def test_candidates_of_another_surface_are_refused():
         )
 
 
+@pytest.mark.slow
 @settings(max_examples=100)
 @given(
     seed=st.integers(0, 2**32 - 1),
@@ -250,6 +251,7 @@ def _are_equal(fast, reference):
         np.testing.assert_allclose(getattr(fast, name), value, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.slow
 @settings(max_examples=100)
 @given(
     seed=st.integers(0, 2**32 - 1),
@@ -297,6 +299,7 @@ def test_a_pose_is_aligned_as_by_the_reference(seed, count):
     assert fast.fits == pytest.approx(reference.fits, abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mesh", [CUBE.mesh, trimesh.creation.annulus(0.02, 0.05, 0.06)])
 def test_distances_of_a_mesh_are_those_of_the_reference(mesh):
     rng = np.random.default_rng(0)

@@ -12,6 +12,7 @@ meetings = pytest.importorskip("drake_pregrasp.fast.meetings")
 BOTH = choose_meeting, meetings.compiled_choose_meeting
 
 
+@pytest.mark.slow
 def test_both_choose_the_same_meetings():
     limits = set()
     in_air = [(*thrown, IN_AIR) for thrown in throws_to_a_palm(20, 4)]

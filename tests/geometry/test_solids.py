@@ -207,6 +207,7 @@ def test_no_corner_lies_on_the_points_side_of_the_nearest(
         assert residual < 1e-9
 
 
+@pytest.mark.slow
 @implementations
 @pytest.mark.parametrize("corner", range(3))
 def test_corners_are_nearest_to_themselves(implementation, corner):
@@ -215,6 +216,7 @@ def test_corners_are_nearest_to_themselves(implementation, corner):
     np.testing.assert_allclose(x, corners[:, corner], atol=1e-15)
 
 
+@pytest.mark.slow
 def test_what_a_box_or_a_ball_hides_is_beyond_a_point_of_it_on_the_ray():
     """Against points of each ray that are inside, also for rays along the axes of a box."""
     rng, shares = np.random.default_rng(4), np.linspace(0, 1, 4001)[:, None]

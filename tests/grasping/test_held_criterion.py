@@ -71,6 +71,7 @@ def test_an_object_that_keeps_its_place_is_held():
     np.testing.assert_allclose(list(found.values()), 0, atol=1e-4)
 
 
+@pytest.mark.slow
 @given(st.sampled_from(PARTS), st.floats(0.1, 20), st.floats(0.1, 20))
 def test_what_moves_or_turns_is_seen_until_there_is_another_place_to_be_in(part, mm, deg):
     found = measures(mm=mm, deg=deg, since=STARTS[part] + 0.1)
@@ -110,6 +111,7 @@ def test_in_the_air_an_object_should_stay_in_the_frame_that_falls_with_it(part):
     assert not measures(mm=9.0, since=STARTS[part] + 0.1, falls=True, **in_air)["held"]
 
 
+@pytest.mark.slow
 @given(st.floats(0.001, 0.4))
 def test_a_drift_is_extrapolated(drift):
     found = measures(drift=drift)

@@ -207,6 +207,7 @@ def test_a_status_that_cannot_be_used_leaves_the_last_one(lcm):
     assert seen[1:] == 3 * [[[0.1, 0.2, 0.1, 0.2], [-0.1, -0.2]]]
 
 
+@pytest.mark.slow
 def test_a_loop_on_this_machine_answers_each_pose():
     url = f"udpm://239.255.76.67:{20_000 + os.getpid() % 20_000}?ttl=0"
     loop, camera, answers = Loop(DrakeLcm(url), ALLEGRO_CHANNEL), DrakeLcm(url), []

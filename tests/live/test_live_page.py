@@ -162,6 +162,7 @@ def test_a_drag_reaches_the_controls_until_the_page_lets_go_or_is_closed(address
     assert controls.refused == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("can_drag", [True, False])
 def test_a_page_offers_only_what_the_run_can_do(meshcat, controls, can_drag):
     controls.can_drag = can_drag

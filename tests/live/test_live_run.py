@@ -21,6 +21,7 @@ STEP = "plant_config: {time_step: 0.005}"
 NAMES = ["a_base", pytest.param("grasp_five_finger", marks=pytest.mark.slow)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_a_change_of_nothing_changes_nothing(name):
     """Goals and the object are those of a simulation without a change, to the last bit."""
@@ -39,6 +40,7 @@ def test_a_change_of_nothing_changes_nothing(name):
     np.testing.assert_array_equal(run.last.X_WO.GetAsMatrix4(), plain.X_WO.GetAsMatrix4())
 
 
+@pytest.mark.slow
 def test_a_new_start_has_the_changed_settings_another_seed_and_all_fingers():
     run = LiveRun(load_resolved("a_base"), name="a_base", meshcat=start_meshcat(live=True))
     run.advance()

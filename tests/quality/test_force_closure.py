@@ -74,6 +74,7 @@ def test_without_friction_six_contacts_are_too_few_and_pairs_that_twist_close():
     assert ball_radius(r, normals, 0.7, model="frictionless") > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", CONE_MODELS)
 @settings(max_examples=10)
 @cases
@@ -89,6 +90,7 @@ def test_margins_depend_neither_on_the_unit_of_length_nor_on_the_reference_point
     assert scaled == pytest.approx(radius, abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", CONE_MODELS)
 @settings(max_examples=20)
 @cases
@@ -135,6 +137,7 @@ def test_the_margin_is_between_those_of_pyramids_inside_and_around_the_cones(mod
         assert margin == pytest.approx(expected, abs=0.05)
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @cases
 def test_the_radius_is_between_those_of_random_directions_and_of_pyramids_inside(seed, n):

@@ -68,6 +68,7 @@ def test_by_normals_the_side_of_a_plate_without_contacts_is_in_no_region():
     assert np.all(labels[PLATE.nhat_OQ[:, 2] > 0.9] != NO_REGION)
 
 
+@pytest.mark.slow
 def test_the_way_over_the_surface_leads_round_edges_that_normals_do_not_pass():
     """On a cup's rim both sides are near each other; deep in the cup they are not."""
     surface = mesh_surface(CUP, spacing=0.005)

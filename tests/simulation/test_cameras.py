@@ -46,6 +46,7 @@ def test_a_hand_takes_a_box_that_it_sees_a_person_bring(tmp_path):
     assert np.all(log["tracking_status"][log["time"] > 3.0] == TrackingStatus.TRACKING)
 
 
+@pytest.mark.slow
 def test_a_wrong_mesh_has_another_size_than_the_object():
     resolved = resolve(load_scenario("feel_wrong_scale"))
     true, seen = resolved.shape.mesh.extents, resolved.seen_solid.corners

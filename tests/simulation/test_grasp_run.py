@@ -203,6 +203,7 @@ def test_an_obstacle_over_the_table_keeps_its_distance_from_fingertips(tmp_path)
         assert np.min(distances) > 0.03 + 0.009
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("own", ["[]", "[!BallObstacle {radius: 0.03, center: [0.3, 0.0, 0.05]}]"])
 def test_the_table_is_the_last_obstacle_of_the_planner_and_none_of_the_controller(own):
     scenario = load_scenario(NAME, text=f"{{obstacles: {own}}}")
@@ -241,6 +242,7 @@ def test_what_a_hand_cannot_do_is_refused_in_one_line(text, message):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "fine",
     [

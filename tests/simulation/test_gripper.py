@@ -25,6 +25,7 @@ ONE_SIDED = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", ["object: {size: [0.08, 0.05, 0.06]}", ONE_SIDED, slow(CYLINDER)])
 def test_pads_start_opposite_each_other_where_both_jaws_are(text):
     scenario = resolved(text)
@@ -39,6 +40,7 @@ def test_pads_start_opposite_each_other_where_both_jaws_are(text):
     assert (pair.first, pair.second, pair.distance) == (0, 1, 0.0)
 
 
+@pytest.mark.slow
 def test_jaws_are_not_closed_on_places_at_different_heights():
     """Friction would hold the box, but jaws cannot be where its sides may be touched."""
     areas = ", ".join(
@@ -71,6 +73,7 @@ def test_two_fingers_need_soft_pads(tmp_path):
         load_resolved("grasp_gripper", text=f"{{hand: {{file: '{path}'}}}}", folders=[tmp_path])
 
 
+@pytest.mark.slow
 def test_measures_are_those_of_soft_fingers_unless_others_are_asked_for():
     measures = resolved("").measures
     torsional = float(torsional_friction_of(measures.friction, np.array(0.01)))

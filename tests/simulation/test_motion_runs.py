@@ -48,6 +48,7 @@ def test_goals_stay_within_the_surface_of_a_tossed_object(tmp_path):
             assert np.max(np.abs(surface.distance(true.T))) < 3e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", usable_scenarios())
 def test_the_camera_sees_the_whole_motion(name):
     file, _ = shipped_scenarios()[name]

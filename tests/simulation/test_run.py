@@ -264,6 +264,7 @@ def test_the_summary_compares_what_fingers_offer_with_what_their_goals_demand(tm
     np.testing.assert_allclose(arm["goals"], np.hypot(p_OC[:, 0], p_OC[:, 1]), atol=0.005)
 
 
+@pytest.mark.slow
 def test_a_run_that_is_stopped_keeps_its_log_and_any_description_is_plotted(tmp_path):
     ticks = []
     stop = {"on_tick": ticks.append, "should_stop": lambda: len(ticks) >= 5}

@@ -220,6 +220,7 @@ def test_workers_with_another_package_are_refused(again, cluster, monkeypatch):
         again(scheduler=cluster.scheduler_address)
 
 
+@pytest.mark.slow
 @on_dask
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere", "tcp://no.such.host:1"])
 def test_a_scheduler_that_does_not_answer_is_one_line(address, tmp_path, monkeypatch, capsys):

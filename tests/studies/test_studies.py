@@ -85,6 +85,7 @@ CONDITIONS = {
 METHODS = {"msv": {"overrides": {"planner": {"strategy": "msv"}}}, "position": {}}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seeds", "first"), [(1, 0), (3, 70)])
 def test_the_runs_of_a_study_are_the_whole_product_with_one_seed_before_the_next(seeds, first):
     study = load_study(PRODUCT, seeds=seeds, first_seed=first)
@@ -130,6 +131,7 @@ def test_later_changes_come_on_top_of_those_of_the_study():
         assert data["motion"]["linear_velocity"] == speed
 
 
+@pytest.mark.slow
 def test_the_content_of_a_study_is_a_file_of_the_same_study(tmp_path):
     study = load_study(PRODUCT)
     (tmp_path / "again.yaml").write_text(dump_yaml(study_data(study.config)))

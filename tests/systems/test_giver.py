@@ -28,6 +28,7 @@ def brought(times):
     return p_WO, R_WO
 
 
+@pytest.mark.slow
 def test_an_object_follows_the_recorded_poses(tmp_path):
     times = np.arange(0, 2.001, 0.02)
     p_WO, R_WO = brought(times)

@@ -332,6 +332,7 @@ def test_a_box_stands_while_only_one_of_its_sides_is_seen():
         assert np.degrees(np.arccos(R[2, 2])) < 0.5
 
 
+@pytest.mark.slow
 def test_a_faster_filter_learns_no_more_from_the_same_touches():
     X_WO, stds = RigidTransform([0.1, 0.05, 0.03]), []
     p_WT = X_WO @ np.array([[0.059, 0, 0], [0, 0.049, 0]]).T
