@@ -26,7 +26,7 @@ class HeldMotion:
         R_WG: Orientation of G in W, shape (3, 3).
         p_WG: Position of G in W, shape (3,), in metres.
         V_WG: Angular velocity, and velocity of the origin of G, shape (2, 3), in rad/s and m/s.
-        V_WB: Twist of the belt B under the object when the fingers touched it, shape (2, 3).
+        V_WBelt: Twist of the belt under the object when the fingers touched it, shape (2, 3).
         a_W: Acceleration of the origin of G in W, shape (3,), in m/s²: zero on a belt, gravity in
             the air.
     """
@@ -35,7 +35,7 @@ class HeldMotion:
     R_WG: FloatArray
     p_WG: FloatArray
     V_WG: FloatArray
-    V_WB: FloatArray
+    V_WBelt: FloatArray
     a_W: FloatArray
 
     @staticmethod
@@ -95,10 +95,10 @@ class HeldMotion:
         level, slack = np.array([x, y, 0.0]), friction / stiffness
         e = level * max(0.0, 1 - slack / max(np.hypot(x, y), 1e-12)) + [0.0, 0.0, min(z, 0.0)]
         rate = share * MASS_RATIO / period
-        u = self.V_WG[1] - self.V_WB[1] + rate * level
+        u = self.V_WG[1] - self.V_WBelt[1] + rate * level
         v = u * max(0.0, 1 - rate * slack / max(float(np.linalg.norm(u)), 1e-12))
         moved = self._displaced(share * DAMPING_RATIO * np.array([np.zeros(3), e]), self.time)
-        return replace(moved, V_WG=np.array([self.V_WG[0], self.V_WB[1] + v]))
+        return replace(moved, V_WG=np.array([self.V_WG[0], self.V_WBelt[1] + v]))
 
     def within(self, p_WQ: FloatArray, distance: float) -> "HeldMotion":
         """Returns the motion with the origin of G brought back to a distance from a point Q.
@@ -115,7 +115,7 @@ class HeldMotion:
         if not far > distance:
             return self
         outward = away / far
-        taken = max(0.0, float((self.V_WG[1] - self.V_WB[1]) @ outward)) * outward
+        taken = max(0.0, float((self.V_WG[1] - self.V_WBelt[1]) @ outward)) * outward
         V_WG = np.array([self.V_WG[0], self.V_WG[1] - taken])
         return replace(self, p_WG=p_WQ + distance * outward, V_WG=V_WG)
 

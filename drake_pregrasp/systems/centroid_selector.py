@@ -168,12 +168,12 @@ class CentroidSelector(LeafSystem):
         self._p_OC_index = self.DeclareDiscreteState(p_OC.ravel())
         self._status_index = self.DeclareDiscreteState(np.full(n, float(ContactStatus.INACTIVE)))
         self._causes_index = self.DeclareDiscreteState(np.full(n, float(NO_CAUSE)))
-        self._X_WO_estimated = self.DeclareAbstractInputPort("X_WO_estimated", ports.POSE)
+        X_WO = self.DeclareAbstractInputPort("X_WO_estimated", ports.POSE)
         self._p_WO_covariance = self.DeclareVectorInputPort("p_WO_covariance", 9)
         self._safe_regions = self.DeclareAbstractInputPort("safe_regions", ports.REGIONS)
         self._hold = self.DeclareVectorInputPort("hold_contacts", 1)
         tracking_status = self.DeclareVectorInputPort("tracking_status", 1)
-        self._pose = ports.LastPose(self, self._X_WO_estimated, tracking_status)
+        self._pose = ports.LastPose(self, X_WO, tracking_status)
         self._reassigned_index = self.DeclareDiscreteState(np.array([-np.inf]))
         self._goals = goals = ports.declare_cache(
             self,
@@ -200,7 +200,8 @@ class CentroidSelector(LeafSystem):
         is_due = tick_index(time, config.period) != tick_index(stored_time, config.period)
         # NaN is not <= 0 either, so it holds the contacts.
         is_held = self._hold.HasValue(context) and not self._hold.Eval(context)[0] <= 0
-        if not is_due or is_held or not self._pose.eval(context).is_tracked:
+        _, R_WO, _, is_tracked = self._pose.eval(context)
+        if not (is_due and is_tracked) or is_held:
             status = context.get_discrete_state(self._status_index).value()
             causes = context.get_discrete_state(self._causes_index).value()
             return ContactGoals(p_OC, status, causes)
@@ -216,7 +217,6 @@ class CentroidSelector(LeafSystem):
                 f"port safe_regions of {self.get_name()} accepts regions of {n} contacts"
                 f" over {N} candidates, not of {given[0]} over {given[1]}"
             )
-        R_WO: FloatArray = self._X_WO_estimated.Eval(context).rotation().matrix()
         covariance_W: FloatArray = self._p_WO_covariance.Eval(context).reshape(3, 3)
         selection = SelectionInput(
             surface=self._surface,

@@ -166,7 +166,7 @@ class HeldFrame:
         f_T_W = validated_numbers(self._f_T_W.Eval(context)).reshape(-1, 3)
         lacking = state.planned_forces(0.0, settings) @ now.R_WG.T - f_T_W
         felt = np.sum(lacking[on], axis=0) @ push / max(float(np.linalg.norm(push)), 1e-12)
-        if np.isfinite(felt) and push @ (now.V_WG[1] - now.V_WB[1]) >= 0:
+        if np.isfinite(felt) and push @ (now.V_WG[1] - now.V_WBelt[1]) >= 0:
             push *= min(1.0, max(0.0, 2 * float(felt) / settings.touch_force))
         return now.yielding(push, np.sum(k), self._held.friction, time - last.time, self._period)
 
@@ -257,9 +257,9 @@ class HeldFrame:
             return
         motion: HeldMotion = self.near.Eval(context)
         if not self.memory.Eval(context).is_gripped:
-            V_WB = command.V_WO if self._in_air else _ON_TABLE * command.V_WO
+            V_WBelt = command.V_WO if self._in_air else _ON_TABLE * command.V_WO
             a_W, time = self._held.a_W, context.get_time()
-            motion = HeldMotion(time, command.R_WG, command.p_WG, V_WB, V_WB, a_W)
+            motion = HeldMotion(time, command.R_WG, command.p_WG, V_WBelt, V_WBelt, a_W)
         discrete_state.set_value(self._last, pack(motion))
         sticks = state.phase == GraspPhase.SQUEEZE
         sticking = p_GT_goal.ravel() if sticks else np.full(p_GT_goal.size, np.nan)

@@ -54,7 +54,7 @@ def test_a_push_moves_the_frame_by_the_equations_of_a_damper_and_of_a_mass_with_
     assert now.p_WG[0] == pytest.approx(PERIOD * (f - FRICTION) / D)
     u = v + PERIOD * f / M
     expected = np.sign(u) * max(0.0, abs(u) - PERIOD * FRICTION / M)
-    assert now.V_WG[1, 0] - motion.V_WB[1, 0] == pytest.approx(expected)
+    assert now.V_WG[1, 0] - motion.V_WBelt[1, 0] == pytest.approx(expected)
     np.testing.assert_allclose(now.p_WG[1:], 0)
 
 
@@ -65,7 +65,7 @@ def test_the_frame_takes_energy_from_the_object_and_its_way_is_limited_by_this_e
     for x, y in forces:
         f = np.array([x, y, 0.0])
         jumped = pushed(motion, f)
-        v = jumped.V_WG[1] - motion.V_WB[1]
+        v = jumped.V_WG[1] - motion.V_WBelt[1]
         energy += float(f @ (jumped.p_WG - motion.p_WG + PERIOD * v))
         way += PERIOD * float(np.linalg.norm(v))
         assert energy >= M / 2 * float(v @ v) + FRICTION * way - 1e-9
@@ -76,13 +76,13 @@ def test_without_a_push_a_frame_that_was_pushed_comes_to_rest_on_the_belt():
     motion = pushed(moving(), [5.0, 0.0, 0.0])
     for _ in range(20):
         motion = pushed(after_a_period(motion), np.zeros(3))
-    np.testing.assert_allclose(motion.V_WG, motion.V_WB, atol=1e-12)
+    np.testing.assert_allclose(motion.V_WG, motion.V_WBelt, atol=1e-12)
 
 
 @pytest.mark.parametrize("friction", [0.0, FRICTION])
 def test_an_object_that_nothing_moves_brings_the_frame_to_rest(friction):
     object_at, motion, errors = 0.003, moving(), []
-    motion = replace(motion, V_WG=np.zeros((2, 3)), V_WB=np.zeros((2, 3)))
+    motion = replace(motion, V_WG=np.zeros((2, 3)), V_WBelt=np.zeros((2, 3)))
     for _ in range(30):
         errors.append(object_at - motion.p_WG[0])
         f = STIFFNESS * errors[-1]
@@ -141,7 +141,7 @@ VECTORS = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array)
 
 
 def beside_the_belt(motion):
-    return motion.V_WG[1] - motion.V_WB[1]
+    return motion.V_WG[1] - motion.V_WBelt[1]
 
 
 @given(VECTORS, VECTORS, st.floats(1e-3, 0.5))
@@ -178,7 +178,7 @@ def test_fingers_that_lag_behind_a_tethered_frame_do_not_make_it_faster_without_
     for _ in range(100):
         p_WT = p_WQ - [lag, 0, 0]
         motion = pushed(after_a_period(motion), STIFFNESS * (p_WT - motion.p_WG) * [1, 1, 0])
-        speeds.append(np.linalg.norm(motion.V_WG[1] - motion.V_WB[1]))
-        p_WQ = p_WQ + PERIOD * motion.V_WB[1]
+        speeds.append(np.linalg.norm(motion.V_WG[1] - motion.V_WBelt[1]))
+        p_WQ = p_WQ + PERIOD * motion.V_WBelt[1]
         motion = motion.within(p_WQ, 0.005)
     assert max(speeds) < 2 * PERIOD * STIFFNESS * lag / M
