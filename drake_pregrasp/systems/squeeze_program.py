@@ -20,15 +20,18 @@ PREFERRED_SHARE = 0.5
 """Share of the friction coefficient that forces need not exceed if larger forces can avoid it."""
 
 LOAD_CHANGE = 0.5
-"""Change of the load, in any direction and as its multiple, which fingers should bear unchanged."""
+"""Largest change of the load that the planned forces bear within their friction cones, in any
+direction, as a share of the load."""
 
-# Balance takes precedence over the preferred cones, these over small forces, whose cost is 1 per
-# squared newton. Such linear costs do not change the solution if it can do without.
-_IMBALANCE_COST = 1e5  # Per newton of the residual.
+# Balance takes precedence over the preferred cones, these over changes of the load, and these over
+# small forces, whose cost is 1 per squared newton. Such linear costs do not change the solution if
+# it can do without.
+_IMBALANCE_COST = 1e6  # Per newton of the residual.
 _EXCESS_COST = 1e4  # Per newton outside the preferred cones.
+_CHANGE_COST = 1e3  # Per newton by which a change of the load leaves the cones.
 
 _IN_BALANCE = 0.02  # Largest residual of a balanced squeeze, in newtons.
-_RANK = 1e-6  # Smallest singular value of G that counts, as a share of the largest.
+_DAMPING = 0.01  # Squared singular value of G below which contacts hardly bear a push.
 _UNLIMITED = 1e4  # Replaces a limit, to find out whether it prevents balance.
 
 
@@ -56,17 +59,21 @@ def plan_squeeze(
     The smallest forces lie on their cones. Cones of half the width leave a margin for errors; the
     forces exceed them by s only if nothing else balances the wrench.
 
-    Fingers of equal stiffness share a push d on the object as df = -G⁺ d. For pushes of up to
-    `LOAD_CHANGE` times the force F of the wrench, forces should stay in their cones. With the
-    blocks T_i and N_i of G⁺ for the forces along and normal to the surface, this is so if
+    If all fingers are equally stiff, a push d, of shape (3,), on the centre of mass changes the
+    forces by -P d, where P are the first three columns of G⁺ = G^T (G G^T + lambda I)^-1. The small
+    lambda gives up pushes that the contacts can hardly bear. With the rows T_i of P for t_i, and
+    N_i for n_i, the forces stay in their cones for all pushes up to `LOAD_CHANGE` times the force
+    of the wrench, in newtons c, if
 
-        |t_i| <= mu n_i - `LOAD_CHANGE` |F| (|T_i| + mu |N_i|) + s
+        |t_i| <= mu n_i - c (|T_i| + mu |N_i|)
 
-    where |T_i| is the largest singular value. The bound is the same for all axes.
+    where |T_i| is the spectral norm, so that the bound does not depend on the axes. A further slack
+    relaxes it if limits of force or torque prevent it, and these count for the unchanged load only.
 
     A soft finger also exerts a moment m_i about its normal. With e_i = 3 pi/16 times the radius of
     its patch, the limit surface of force and moment is an ellipsoid (Howe & Cutkosky, 1996):
-    |(t_i, m_i/e_i)| <= mu n_i replaces |t_i| <= mu n_i, and m_i/e_i counts as a force in the cost.
+    |(t_i, m_i/e_i)| <= mu n_i replaces |t_i| <= mu n_i, and m_i/e_i counts as a force in the cost
+    and in a change of the load.
 
     Args:
         p_CoMC: Lever arms from the centre of mass to the contacts, shape (n, 3), in metres.
@@ -116,7 +123,8 @@ def plan_squeeze(
         return squeeze
     for lack, limit in limits.items():
         without = limits | {lack: np.full(limit.shape, _UNLIMITED)}
-        if _solve(*balance, torques, least_normal, *without.values())[1] <= _IN_BALANCE:
+        others = torques, least_normal, *without.values()
+        if _solve(*balance, *others, has_margins=False)[1] <= _IN_BALANCE:
             return squeeze._replace(lack=lack)
     return squeeze
 
@@ -214,30 +222,35 @@ def _solve(
     largest: FloatArray,
     efforts: FloatArray,
     friction: FloatArray,
+    *,
+    has_margins: bool = True,
 ) -> tuple[FloatArray, float]:
     """Returns forces in the axes of their contacts, shape (n, 3), and the norm of the residual.
 
     The columns of G and of the torques are those of the n forces, then of the moments of the soft
-    fingers.
+    fingers. Without margins, forces need no more than to lie in their cones.
     """
     n, size = (G.shape[1] - len(soft)) // 3, G.shape[1]
     change = LOAD_CHANGE * float(np.linalg.norm(wrench[:3]))
-    shares = change * np.linalg.pinv(G, rcond=_RANK)[:, :3]
+    shares = change * np.linalg.solve(G @ G.T + _DAMPING * np.eye(6), G).T[:, :3]
     program = MathematicalProgram()
     x = program.NewContinuousVariables(size)
-    imbalance, excess = program.NewContinuousVariables(2)
+    imbalance, excess, shortfall = program.NewContinuousVariables(3)
     program.Add2NormSquaredCost(np.eye(size), np.zeros(size), x)
-    program.AddLinearCost(_IMBALANCE_COST * imbalance + _EXCESS_COST * excess)
+    program.AddLinearCost(
+        _IMBALANCE_COST * imbalance + _EXCESS_COST * excess + _CHANGE_COST * shortfall
+    )
     residual = block_diag(1.0, G)  # Times (imbalance, x), plus the wrench: (imbalance, r).
     program.AddLorentzConeConstraint(residual, np.append(0.0, wrench), np.append(imbalance, x))
-    program.AddBoundingBoxConstraint(0, np.inf, excess)
+    program.AddBoundingBoxConstraint(0, np.inf, np.array([excess, shortfall]))
     program.AddBoundingBoxConstraint(np.full(n, least), largest, x[: 3 * n : 3])
     for i in range(n):
         tangential = [3 * i + 1, 3 * i + 2, *(3 * n + np.flatnonzero(soft == i))]
         T, N = shares[tangential], shares[3 * i]
         changed = float(np.linalg.norm(T, 2) + friction * np.linalg.norm(N))
         limit = float(friction) * x[3 * i]
-        for most in (limit, PREFERRED_SHARE * limit + excess, limit - changed + excess):
+        margins = PREFERRED_SHARE * limit + excess, limit - changed + shortfall
+        for most in (limit, *margins) if has_margins else (limit,):
             program.AddLorentzConeConstraint(np.array([most, *x[tangential]]))
     if len(torques):
         program.AddLinearConstraint(torques, -efforts, efforts, x)
