@@ -102,6 +102,9 @@ def add_grasping_hand(
             planner. It is added, and its input ports are connected to the output ports of the same
             names of planner, controller, `weights` and `obstacles`.
         seen_solid: The object in O, for the planner's `point_cloud`; None without.
+
+    Raises:
+        InvalidArgumentError: If no output port has the name of an input port of `goals`.
     """
     controller = builder.AddNamedSystem(
         "hand_controller",

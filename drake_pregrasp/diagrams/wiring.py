@@ -2,7 +2,7 @@
 
 from pydrake.systems.framework import DiagramBuilder, System
 
-from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.errors import InvalidArgumentError, nearest
 
 
 def connect(builder: DiagramBuilder, source: System, names: str, *targets: System) -> None:
@@ -36,11 +36,13 @@ def connect_inputs(builder: DiagramBuilder, target: System, *sources: System) ->
         name = port.get_name()
         source = next((source for source in sources if source.HasOutputPort(name)), None)
         if source is None:
-            systems = ", ".join(source.get_name() for source in sources)
-            raise InvalidArgumentError(
-                f"{type(target).__name__}: input port {name}: no output port of this name in"
-                f" {systems}"
-            )
+            names = [
+                source.get_output_port(index).get_name()
+                for source in sources
+                for index in range(source.num_output_ports())
+            ]
+            problem = f"{type(target).__name__}: input port {name}: no such output port"
+            raise InvalidArgumentError(f"{problem}; {nearest(name, names)}")
         builder.Connect(source.GetOutputPort(name), port)
 
 

@@ -21,7 +21,7 @@ from drake_pregrasp.simulation.scenario_file import (
 from drake_pregrasp.simulation.schema_check import check_mapping
 from drake_pregrasp.studies.field_path import overlap, walk, with_fields
 from drake_pregrasp.studies.grasps.goal_sources import GOAL_SOURCES
-from drake_pregrasp.studies.measures import MEASURES, PLANNED_CONTACTS
+from drake_pregrasp.studies.measures import MEASURES
 from drake_pregrasp.studies.study_axes import (
     RANDOM_OBJECTS,
     SEED_FIELD,
@@ -293,9 +293,6 @@ def _check(study: Study) -> None:
             hint = f"{nearest(method.goals, GOAL_SOURCES)}; --import loads a module of your own"
             problem = f"{method.goals}: no such source of goals; {hint}"
             raise ScenarioError(source, f"methods.{key}.goals", problem)
-        if method.goals and (planned := PLANNED_CONTACTS.intersection(config.measures)):
-            problem = f"measures contacts that the hand of methods.{key} does not follow"
-            raise ScenarioError(source, "measures", f"{min(planned)} {problem}")
         for base in study.bases.values():
             with_fields(base, method.overrides, f"{source}: methods.{key}.overrides")
             with_fields(base, config.otherwise, f"{source}: otherwise")

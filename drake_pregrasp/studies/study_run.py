@@ -15,7 +15,7 @@ from drake_pregrasp.simulation.simulation_diagram import make_diagram, make_simu
 from drake_pregrasp.studies.grasps.fitting_objects import fits, opening
 from drake_pregrasp.studies.grasps.goal_sources import GoalSource
 from drake_pregrasp.studies.grasps.grasp_trial import GraspTrial
-from drake_pregrasp.studies.measures import SimulatedRun, measure
+from drake_pregrasp.studies.measures import PLANNED_CONTACTS, SimulatedRun, measure
 from drake_pregrasp.studies.study_axes import RANDOM_OBJECTS
 from drake_pregrasp.studies.study_file import Study, check_at_ticks
 from drake_pregrasp.systems.loggers import TickRecord
@@ -45,7 +45,7 @@ class StudyRun:
         scenario = self._scenario(job)
         if not scenario.has_hand:
             resolved = resolve_scenario(scenario, self.study.source)
-            return [self._measured(simulated(resolved))]
+            return [self._measured(simulated(resolved), job)]
         times = self._times(scenario, job)
         if not self._fits(scenario, job):
             return self._ungrasped(times, UNFIT, np.nan)
@@ -57,7 +57,7 @@ class StudyRun:
             return self._ungrasped(times, cause, False, one_line(error))
         trial = GraspTrial(resolved, self._source(job))
         return [
-            self._measured(SimulatedRun(resolved, trial.ticks, outcome))
+            self._measured(SimulatedRun(resolved, trial.ticks, outcome), job)
             for outcome in trial.outcomes(times)
         ]
 
@@ -117,8 +117,12 @@ class StudyRun:
         check_at_ticks(times, scenario.planner.period, self.study.source, "closing_times")
         return times
 
-    def _measured(self, run: SimulatedRun) -> dict[str, Any]:
-        return measure(run, self.study.config.measures)
+    def _measured(self, run: SimulatedRun, job: Mapping[str, Any]) -> dict[str, Any]:
+        """Returns the measures of a run; nan for contacts that its hand does not follow."""
+        found = measure(run, self.study.config.measures)
+        if not self.study.method_of(job).goals:
+            return found
+        return found | dict.fromkeys(PLANNED_CONTACTS & found.keys(), np.nan)
 
     def _ungrasped(
         self, times: Sequence[float], cause: str, held: float, why: str = ""

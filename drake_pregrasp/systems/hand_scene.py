@@ -157,7 +157,7 @@ class HandScene:
         self._fixed = {geometry: f"fixed[{index}]" for index, geometry in enumerate(around)}
         self._bodies = np.array([int(link.frame.body().index()) for link in found])
         X_BL = [inspector.GetPoseInFrame(geometry).GetAsMatrix34() for geometry in links]
-        self._R_BL, self._p_BL = np.split(np.array(X_BL), [3], axis=2)
+        self._R_BLink, self._p_BLink = np.split(np.array(X_BL), [3], axis=2)
         self._balls = [link_balls(inspector, geometry) for geometry in links]
 
     def place(
@@ -245,9 +245,9 @@ class HandScene:
                 found.append((b, a, pair.distance, pair.p_BCb, -pair.nhat_BA_W))
         if not found:
             return Clearances(np.empty((0, len(pose.screws.T))), np.empty(0), np.empty(0, int))
-        link, other, gaps, p_LQ, normals = (np.array(part) for part in zip(*found, strict=True))
+        link, other, gaps, p_LinkQ, normals = (np.array(part) for part in zip(*found, strict=True))
         X_WB = pose.X_WB[self._bodies[link]]
-        p_BQ = self._R_BL[link] @ p_LQ[:, :, None] + self._p_BL[link]
+        p_BQ = self._R_BLink[link] @ p_LinkQ[:, :, None] + self._p_BLink[link]
         p_WQ = (X_WB[:, :, :3] @ p_BQ)[:, :, 0] + X_WB[:, :, 3]
         R_WO, p_WO, (w_WO, v_WO) = command.R_WO, command.p_WO, command.V_WO
         holding = command.fingers_hold

@@ -302,7 +302,6 @@ def ball_reaches(direction, radius):
     return [FingerReach(BallSolid(center, radius), np.array(direction), incidence=1.2)] * N
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("lack", "message", "options"),
     [
@@ -332,7 +331,6 @@ def test_it_says_what_is_missing(lack, message, options):
     assert error.value.lack == lack
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "options"),
     [

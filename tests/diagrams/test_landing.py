@@ -114,7 +114,6 @@ def random_drop(seed):
     return config, motion
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, *map(slow, range(1, 40))])
 def test_landing_objects_hardly_sink_and_never_gain_energy(seed):
     config, motion = random_drop(seed)

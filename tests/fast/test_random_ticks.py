@@ -142,7 +142,6 @@ FOUND = {"spread": 0.03, "strategy": "msv", "power": 2.0, "stretch": True}
 FOUND |= {"best_point": False, "in_turns": False, "contact_model": "complete", "length": 0.0}
 
 
-@pytest.mark.slow
 @settings(max_examples=200)
 @given(
     which=st.integers(0, len(SURFACES) - 1),

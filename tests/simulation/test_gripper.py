@@ -25,7 +25,6 @@ ONE_SIDED = (
 )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("text", ["object: {size: [0.08, 0.05, 0.06]}", ONE_SIDED, slow(CYLINDER)])
 def test_pads_start_opposite_each_other_where_both_jaws_are(text):
     scenario = resolved(text)

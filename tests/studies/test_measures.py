@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import yaml
 from pydrake.math import RigidTransform, RotationMatrix
 
 from drake_pregrasp import TrackingStatus, load_scenario, resolve
@@ -133,3 +134,15 @@ def test_outliers_do_harm_without_a_gate_only():
     assert row["fault_recovery"] <= 0.5
     (row,) = StudyRun(open_, {})(open_.jobs()[0])
     assert row["fault_position_error"] > 10
+
+
+def test_measures_of_contacts_that_a_hand_does_not_follow_have_no_value(tmp_path):
+    methods = {"planned": {}, "still": {"goals": "stationary"}}
+    names = ["valid_share", "fault_position_error"]
+    data = {"scenario": "grasp_five_finger", "methods": methods, "measures": names, "seeds": 1}
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(data))
+    study = load_study(str(tmp_path / "mine.yaml"))
+    run = SimulatedRun(RESOLVED, records(), None)
+    rows = [StudyRun(study, {})._measured(run, job) for job in study.jobs()]
+    assert [row["valid_share"] for row in rows] == [1.0, pytest.approx(math.nan, nan_ok=True)]
+    assert all(np.isfinite(row["fault_position_error"]) for row in rows)

@@ -57,7 +57,7 @@ def declare_goals(
     targets: Callable[[Context], Mapping[int, RigidTransform]],
     status: Callable[[Context], FloatArray],
 ) -> None:
-    """Declares the output ports of the hand's goals, and the input port `contact_weights`.
+    """Declares the output ports of the hand's goals, and `contact_weights` if it is missing.
 
     Args:
         system: System that emits the goals.
