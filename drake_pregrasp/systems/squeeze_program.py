@@ -60,15 +60,15 @@ def plan_squeeze(
     forces exceed them by s only if nothing else balances the wrench.
 
     If all fingers are equally stiff, a push d, of shape (3,), on the centre of mass changes the
-    forces by -P d, where P are the first three columns of G⁺ = G^T (G G^T + lambda I)^-1. The small
-    lambda gives up pushes that the contacts can hardly bear. With the rows T_i of P for t_i, and
-    N_i for n_i, the forces stay in their cones for all pushes up to `LOAD_CHANGE` times the force
-    of the wrench, in newtons c, if
+    forces by -P d, where P is the first three columns of the damped inverse G^T (G G^T + k I)^-1.
+    The small k leaves out pushes that the contacts can hardly bear. T_i and N_i are the rows of P
+    for t_i and n_i, and c is `LOAD_CHANGE` times the force of the wrench. The forces stay in their
+    cones for all pushes up to c, in newtons, if
 
         |t_i| <= mu n_i - c (|T_i| + mu |N_i|)
 
     where |T_i| is the spectral norm, so that the bound does not depend on the axes. A further slack
-    relaxes it if limits of force or torque prevent it, and these count for the unchanged load only.
+    relaxes it where limits of force or torque, which count for the unchanged load only, prevent it.
 
     A soft finger also exerts a moment m_i about its normal. With e_i = 3 pi/16 times the radius of
     its patch, the limit surface of force and moment is an ellipsoid (Howe & Cutkosky, 1996):
