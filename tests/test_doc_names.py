@@ -163,6 +163,7 @@ def test_the_commands_on_a_page_exist(page):
         assert re.search(rf"^## `drake-pregrasp {command}[` ]", COMMANDS, flags=re.MULTILINE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_the_studies_on_a_page_load_with_their_options(page):
     text = page.read_text(encoding="utf-8")

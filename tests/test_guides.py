@@ -197,6 +197,7 @@ def test_the_index_names_each_page_once():
     assert sorted(named) == sorted(set(PAGES) - others)
 
 
+@pytest.mark.slow
 def test_the_page_on_the_study_says_what_its_file_does():
     text = (DOCS / "static_versus_dynamic.md").read_text(encoding="utf-8")
     study = load_study("static_versus_dynamic")

@@ -149,6 +149,7 @@ def paired_contacts(surface, n, distance=0.03, seed=1):
     return p_OC
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("surface", [BALL, CAN], ids=["ball", "can"])
 @pytest.mark.parametrize("max_step", [np.inf, 0.004])
 def test_pairs_keep_their_distance_and_the_second_its_region(surface, max_step):
@@ -168,6 +169,7 @@ def test_pairs_keep_their_distance_and_the_second_its_region(surface, max_step):
 JAWS = Pair(first=0, second=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("surface", [BALL, CAN, CUBE], ids=["ball", "can", "cube"])
 def test_opposite_contacts_stay_opposite_while_they_move(surface):
     first = surface.project(np.array([[0.1, 0.03, 0.01]]))
@@ -184,6 +186,7 @@ def test_opposite_contacts_stay_opposite_while_they_move(surface):
     assert moved > 0.005
 
 
+@pytest.mark.slow
 def test_pairs_keep_their_distance_when_one_of_them_has_to_leave():
     """Obstacles come and go, and a guard would hold the one that may stay."""
     p_OC = paired_contacts(CAN, 5)

@@ -302,6 +302,7 @@ def ball_reaches(direction, radius):
     return [FingerReach(BallSolid(center, radius), np.array(direction), incidence=1.2)] * N
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("lack", "message", "options"),
     [
@@ -312,17 +313,17 @@ def ball_reaches(direction, radius):
             "reach two opposite sides, which are 73.5 mm apart; tips at home are 152 mm apart",
             {"reaches": ball_reaches([1.0, 0, 0], 1)},
         ),
-        slow(
+        (
             Lack.ROOM,
             "5 places in reach are at most [0-9.]+ mm apart, and fingertips need 64 mm",
             {"tip": 0.03, "least_fingers": 5},
         ),
-        slow(
+        (
             Lack.FRICTION,
             "no contacts in reach have force closure with friction 0; they need 0.05",
             {"friction": 0.0},
         ),
-        slow(Lack.FRICTION, "the best contacts hold 0.\\d+ of its weight", {"mass": 9.0}),
+        (Lack.FRICTION, "the best contacts hold 0.\\d+ of its weight", {"mass": 9.0}),
     ],
 )
 def test_it_says_what_is_missing(lack, message, options):
@@ -331,6 +332,7 @@ def test_it_says_what_is_missing(lack, message, options):
     assert error.value.lack == lack
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "options"),
     [
@@ -338,7 +340,7 @@ def test_it_says_what_is_missing(lack, message, options):
             "the missing ones end ([0-9.]+) mm off",
             lambda added: {"reaches": ball_reaches([1.0, 0, 0], 1e-4 + added)},
         ),
-        slow(
+        (
             "the missing ones are ([0-9.]+) mm too large for their roomiest places",
             lambda added: {"tip": 0.06 - added},
         ),
@@ -356,6 +358,7 @@ def test_what_is_missing_is_missing_no_longer_when_it_is_added(words, options):
     assert not found(1.02 * missing)
 
 
+@pytest.mark.slow
 def test_an_object_that_is_nearly_too_heavy_is_held_beside_the_best_margin():
     shape, surface = shape_of("ball"), surface_of(shape_of("ball"))
     start, hand = chosen(shape, surface, mass=3.0)  # Level fingers hold 30 N.

@@ -42,6 +42,7 @@ def drake_finger(hand, finger, q_own):
     return hand.base.X_AW @ p_WT, hand.base.X_AW.rotation() @ J[:, own]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", usable_hands())
 def test_chains_of_every_hand_move_as_in_drake(name):
     hand = made_hand(load_hand(f"package://drake_pregrasp/{name}.yaml"))

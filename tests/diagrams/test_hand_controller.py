@@ -73,6 +73,7 @@ SOUND = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("port", [*SOUND, "hand_state"])
 def test_joints_get_finite_commands_whatever_comes(port):
     system = hand_controller()

@@ -104,6 +104,7 @@ def test_nan_measurements_are_nan_throughout_and_have_the_set_probability():
     assert binomtest(int(np.sum(np.isnan(bad[:, 0]))), TICKS, 0.2).pvalue > SURE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lag", [0.0, 0.5, 2.0])
 def test_a_drift_is_gauss_markov(lag):
     """Over seeds, its numbers are nearly normal with the covariance exp(-lag); axes differ."""

@@ -39,6 +39,7 @@ def yaw(angle):
     return Rotation.from_euler("z", angle).as_matrix()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("share", "is_found"), [(0.6, True), (0.4, False)])
 def test_a_first_pose_needs_half_of_the_points(share, is_found):
     """The others are scattered around, as those of a hand."""
@@ -63,6 +64,7 @@ def test_after_a_loss_a_pose_that_looks_the_same_does_not_replace_the_prediction
     np.testing.assert_allclose(first.R_WO, yaw(turn + np.pi), atol=0.02)
 
 
+@pytest.mark.slow
 def test_after_a_loss_a_pose_that_fits_better_replaces_the_prediction():
     seen, wrong = seen_object(), yaw(0.3 + 1.3)
     belief, p_WQ = known(wrong, PLACE, seen.noise), points(yaw(0.3), PLACE)

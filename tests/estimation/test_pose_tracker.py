@@ -295,6 +295,7 @@ def test_a_sensor_noisier_than_assumed_is_believed_less(factor):
     assert max(errors[40:]) < 5 * factor * NOISE.position
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 0.3, 1.0, 3.0])
 @pytest.mark.parametrize("order", ["in time", "uneven", "out of sequence"])
 def test_the_noise_is_estimated_while_the_object_accelerates(noise, order):

@@ -168,6 +168,7 @@ def lengths(mask):
     return [len(list(run)) for inside, run in itertools.groupby(mask) if inside]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rate", "duration"), [(0.3, 0.2), (1.0, 0.5), (5.0, 0.05), (30.0, 0.01), (5.0, 1e-6)]
 )

@@ -18,6 +18,7 @@ def mesh_of(name):
     return load_shape(resource_folder("models") / f"{name}.obj").mesh
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["bracket", slow("mug")])
 def test_pieces_fill_the_mesh_and_its_hollows_stay_free(name):
     pytest.importorskip("coacd", reason="needs the extra mujoco")

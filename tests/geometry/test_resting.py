@@ -201,6 +201,7 @@ def test_a_box_stands_on_a_side_that_it_does_not_tip_over_at_eight_degrees(width
     assert len(sides_of(trimesh.creation.box([width, 0.1, 0.2]))) == count
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("digits", [7, 6, 5, 4])
 def test_rounded_vertices_change_no_side(digits):
     """As in a file; a side of fine triangles is one side, too."""

@@ -184,6 +184,7 @@ def triangle(rng, kind):
     return corners
 
 
+@pytest.mark.slow
 @implementations
 @given(
     st.integers(0, 2**32 - 1),

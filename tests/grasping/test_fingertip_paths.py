@@ -134,6 +134,7 @@ def in_cup():
     return room_alone(CUP.solid, clearance=0.011)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "start", [[-0.06, 0.06, 0.02], slow([0.08, 0.0, 0.04]), slow([0.0, 0.0, 0.15])]
 )

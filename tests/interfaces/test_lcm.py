@@ -251,6 +251,7 @@ def set_clock(monkeypatch, monotonic):
     monkeypatch.setattr("drake_pregrasp.interfaces.lcm.time", clock)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("period", [PERIOD / 18, PERIOD / 50])
 def test_a_flood_of_poses_does_not_change_the_clock(lcm, monkeypatch, caplog, period):
     loop, camera = Loop(lcm, ALLEGRO_CHANNEL), TimedCamera(lcm, 0.0, period)

@@ -25,6 +25,7 @@ ONE_SIDED = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", ["object: {size: [0.08, 0.05, 0.06]}", ONE_SIDED, slow(CYLINDER)])
 def test_pads_start_opposite_each_other_where_both_jaws_are(text):
     scenario = resolved(text)
@@ -50,6 +51,7 @@ def test_jaws_are_not_closed_on_places_at_different_heights():
         resolved(f"surface: {{spacing: 0.004, forbidden_faces: [+y, -y], no_touch: [{areas}]}}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -328,6 +328,7 @@ def test_the_station_is_a_client_of_the_iiwa_driver_of_hardware_sim(tmp_path):
     assert robot.output("X_WO").translation()[2] - start == pytest.approx(0.1, abs=5e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drivers", [None, {"arm": "IIWA"}, {"hand": "WSG"}])
 def test_drivers_that_do_not_fit_are_refused(drivers):
     lcm = DrakeLcm("memq://")

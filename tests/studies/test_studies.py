@@ -268,6 +268,7 @@ def test_a_scenario_of_ones_own_is_found_beside_the_study(tmp_path):
     assert study.config.scenario == "slow"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", usable_studies())
 def test_shipped_studies_load(name):
     study = load_study(name)

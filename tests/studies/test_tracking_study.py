@@ -2,7 +2,6 @@
 
 import pandas as pd
 import pytest
-from conftest import slow
 
 from drake_pregrasp.cli import main
 from drake_pregrasp.studies import tracking
@@ -20,11 +19,11 @@ def rows_of(motion, fault, seeds):
     return pd.DataFrame([tracking.track_motion(job) for job in jobs])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("motion", "fault"), KINDS)
-@pytest.mark.parametrize("seeds", [range(3), slow(range(3, 24))])
-def test_errors_are_within_the_covariance_while_the_object_is_tracked(motion, fault, seeds):
+def test_errors_are_within_the_covariance_while_the_object_is_tracked(motion, fault):
     """99 % of the coordinates are within 3 standard deviations, and no error is 10 mm beyond."""
-    rows = rows_of(motion, fault, seeds)
+    rows = rows_of(motion, fault, range(24))
     assert rows.violations.sum() == 0
     # The first measurements do not tell how large the noise is.
     assert len(rows) < 10 or rows.beyond.mean() < (0.05 if "noise" in fault else 0.01)

@@ -63,6 +63,7 @@ def assert_finite(player, name, port):
         assert is_finite or output in PASSED_ON.get(name, ()), (port, output)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_a_broken_value_spoils_no_output_and_is_forgotten(name):
     system = SYSTEMS[name]()

@@ -223,6 +223,7 @@ def test_touches_correct_what_a_camera_with_a_wrong_place_shows():
         np.testing.assert_allclose(stds > 0.003, np.abs(left) > 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("gap", "touching", "status"),
     [(0.0, 1.0, "COASTING"), (0.0, 0.0, "LOST"), (0.05, 1.0, "LOST")],

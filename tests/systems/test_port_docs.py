@@ -32,6 +32,8 @@ from drake_pregrasp.studies.grasps.baseline_goals import (
 from drake_pregrasp.systems.mujoco_plant import MujocoPlant
 from drake_pregrasp.systems.object_drag import ObjectDrag
 
+pytestmark = pytest.mark.slow  # Diagrams of many scenarios are made.
+
 CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)))
 SCENARIOS = (
     *("catch_tossed", "pose_stream", "reach", "passing_ball", "see_and_grasp", "catch_handed_over"),
