@@ -1,6 +1,7 @@
 """Loads and writes scenarios in Drake's format: YAML with named entries and overrides."""
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +21,16 @@ SCENARIO_TEXT = "scenario text"
 
 def shipped_scenarios() -> dict[str, tuple[Path, str]]:
     """Returns the file and description of each shipped scenario, with the paper's first."""
-    files = resource_folder("scenarios").glob("*.yaml")
-    ordered = sorted(files, key=lambda file: (file.stem != "paper", file.stem))
+    ordered = sorted(_shipped_files(), key=lambda file: (file.stem != "paper", file.stem))
     return {
         name: (file, str(entry.get("description", "")))
         for file in ordered
         for name, entry in read_mapping(file).items()
     }
+
+
+def _shipped_files() -> Iterator[Path]:
+    return resource_folder("scenarios").glob("*.yaml")
 
 
 def find_scenario(name: str) -> Path:
@@ -36,12 +40,14 @@ def find_scenario(name: str) -> Path:
         ScenarioError: If the name is unknown; the message suggests the nearest name, lists all
             names, or says how to give a file.
     """
-    shipped = shipped_scenarios()
-    if name not in shipped:
-        is_file = Path(name).suffix in (".yaml", ".yml")
-        hint = f"for a file, use --scenario_file {name}" if is_file else nearest(name, shipped)
-        raise ScenarioError("", name, f"no such scenario; {hint}")
-    return shipped[name][0]
+    entry = re.compile(rf"^{re.escape(name)}:", re.MULTILINE)
+    for file in _shipped_files():  # It would take long to parse all of them.
+        if entry.search(read_text(file)) and name in read_mapping(file):
+            return file
+    is_file = Path(name).suffix in (".yaml", ".yml")
+    near = nearest(name, shipped_scenarios())
+    hint = f"for a file, use --scenario_file {name}" if is_file else near
+    raise ScenarioError("", name, f"no such scenario; {hint}")
 
 
 def load_scenario(
@@ -183,8 +189,11 @@ def load_resolved(
         ScenarioError: If the scenario is invalid or cannot be simulated; the message names file,
             key and value.
     """
+    if file is None and name is not None:
+        file = find_scenario(name)
     scenario = load_scenario(name, file=file, text=text, folders=folders)
-    file = Path(find_scenario(str(name)) if file is None else file)
+    assert file is not None
+    file = Path(file)
     source = str(file) if text is None else f"{file} with {SCENARIO_TEXT}"
     if simulation_duration is not None:
         option = "--simulation_duration"
