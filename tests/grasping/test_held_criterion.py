@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -74,6 +74,7 @@ def test_an_object_that_keeps_its_place_is_held():
 @pytest.mark.slow
 @given(st.sampled_from(PARTS), st.floats(0.1, 20), st.floats(0.1, 20))
 def test_what_moves_or_turns_is_seen_until_there_is_another_place_to_be_in(part, mm, deg):
+    assume(abs(mm - LARGEST_MM) > 1e-6 and abs(deg - LARGEST_DEG) > 1e-5)  # Else rounding decides.
     found = measures(mm=mm, deg=deg, since=STARTS[part] + 0.1)
     after = PARTS[PARTS.index(part) :]
     place = next(p for p in (PARTS[:3], PARTS[3:5], PARTS[5:]) if part in p)
