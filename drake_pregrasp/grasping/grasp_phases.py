@@ -31,6 +31,7 @@ CRUSHING = 1.3
 _BOUNCE = 0.02  # Time without force after which a finger in the lift or hold has lost touch, in s.
 _STRAIN = 0.002  # Depth to which a finger that touches presses, within the limit of its force.
 _ON_THE_WAY = 1.5  # Distance from its goal, in gate distances, beyond which a finger moves to it.
+_BESIDE = 2.0  # Distance from its goal along the surface, in these, at which it may still touch.
 _EASING = 0.2  # Share of the closing speed with which fingers give up this strain.
 
 _FOLLOWS = 0.25  # Share of a small commanded force from which on a finger presses.
@@ -252,7 +253,7 @@ def _moved_by_touch(
     """
     least = np.where(state.touched, RELEASE_SHARE, 1.0) * settings.touch_force
     along = np.sqrt(np.maximum(0.0, view.distances**2 - (view.gaps - state.standoffs) ** 2))
-    behind = ~(along <= settings.gate_distance)
+    behind = ~(along <= _BESIDE * settings.gate_distance)
     # A fingertip that bounces off the surface is still touching while something holds it back.
     is_held_back = state.touched & (view.gaps - state.standoffs > _STRAIN / 2)
     is_held_back &= np.abs(view.surface_gaps) <= _STRAIN

@@ -460,6 +460,16 @@ def test_a_finger_that_is_left_behind_moves_out_before_it_touches(lasting):
     assert states[-1].active[3] == (lasting < 1)
 
 
+def test_a_finger_that_does_not_get_to_its_goal_touches_beside_it():
+    def keep_off(scene, state):
+        off = 1.5 * SETTINGS.gate_distance * (state.phase >= GraspPhase.CLOSE)
+        scene.distance = off * (np.arange(N) == 3)
+
+    last = play(Scene(), change=keep_off)[-1]
+    assert last.phase == GraspPhase.HOLD
+    assert last.active[3]
+
+
 @given(st.lists(st.floats(0.5, 12), min_size=N, max_size=N), st.floats(0, 1), st.floats(0, 1))
 def test_fingers_that_touch_press_with_a_share_of_the_squeeze_and_at_least_the_touch_force(
     sizes, share, later
