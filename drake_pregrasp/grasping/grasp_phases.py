@@ -31,7 +31,7 @@ CRUSHING = 1.3
 _BOUNCE = 0.02  # Time without force after which a finger in the lift or hold has lost touch, in s.
 _STRAIN = 0.002  # Depth to which a finger that touches presses, within the limit of its force.
 _ON_THE_WAY = 1.5  # Distance from its goal, in gate distances, beyond which a finger moves to it.
-_BESIDE = 2.0  # Distance from its goal along the surface, in these, at which it may still touch.
+_BESIDE = 2.0  # Distance along the surface, in gate distances, up to which a finger may touch.
 _EASING = 0.2  # Share of the closing speed with which fingers give up this strain.
 
 _FOLLOWS = 0.25  # Share of a small commanded force from which on a finger presses.
@@ -247,8 +247,8 @@ def _moved_by_touch(
 ) -> tuple[GraspState, bool]:
     """Returns the state with the next standoffs and the next offset of G, and whether G rests.
 
-    A finger that touches stays where it is in W while G moves. One that is off its goal along the
-    surface, because G has moved, moves out and touches again there. No goal is far ahead of a
+    A finger that touches stays where it is in W while G moves. One that is far from its goal along
+    the surface, because G has moved, moves out and touches again there. No goal is far ahead of a
     finger that is held back.
     """
     least = np.where(state.touched, RELEASE_SHARE, 1.0) * settings.touch_force

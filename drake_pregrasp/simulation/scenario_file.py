@@ -44,9 +44,10 @@ def find_scenario(name: str) -> Path:
     for file in _shipped_files():  # It would take long to parse all of them.
         if entry.search(read_text(file)) and name in read_mapping(file):
             return file
-    is_file = Path(name).suffix in (".yaml", ".yml")
-    near = nearest(name, shipped_scenarios())
-    hint = f"for a file, use --scenario_file {name}" if is_file else near
+    if Path(name).suffix in (".yaml", ".yml"):
+        hint = f"for a file, use --scenario_file {name}"
+    else:
+        hint = nearest(name, shipped_scenarios())
     raise ScenarioError("", name, f"no such scenario; {hint}")
 
 

@@ -4,7 +4,6 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import slow
 from scipy.spatial import ConvexHull
 
 from drake_pregrasp.errors import InvalidArgumentError
@@ -19,7 +18,7 @@ def mesh_of(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["bracket", slow("mug")])
+@pytest.mark.parametrize("name", ["bracket", "mug"])
 def test_pieces_fill_the_mesh_and_its_hollows_stay_free(name):
     pytest.importorskip("coacd", reason="needs the extra mujoco")
     mesh = mesh_of(name)

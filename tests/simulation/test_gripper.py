@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import LACKING_HANDS, slow
+from conftest import LACKING_HANDS
 from hand_files import write_hand
 from simulation_runs import run_text
 
@@ -26,7 +26,7 @@ ONE_SIDED = (
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("text", ["object: {size: [0.08, 0.05, 0.06]}", ONE_SIDED, slow(CYLINDER)])
+@pytest.mark.parametrize("text", ["object: {size: [0.08, 0.05, 0.06]}", ONE_SIDED, CYLINDER])
 def test_pads_start_opposite_each_other_where_both_jaws_are(text):
     scenario = resolved(text)
     (a, b), (n_a, n_b) = scenario.start.p_OC, scenario.surface.project(scenario.start.p_OC)[1]

@@ -26,7 +26,7 @@ def test_errors_are_within_the_covariance_while_the_object_is_tracked(motion, fa
     rows = rows_of(motion, fault, range(24))
     assert rows.violations.sum() == 0
     # The first measurements do not tell how large the noise is.
-    assert len(rows) < 10 or rows.beyond.mean() < (0.05 if "noise" in fault else 0.01)
+    assert rows.beyond.mean() < (0.05 if "noise" in fault else 0.01)
     if fault == NO_FAULT:
         assert rows.locked.max() <= 5
         assert rows.tracking.min() > (0.94 if motion.startswith("constant") else 0.8)
