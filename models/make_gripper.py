@@ -8,6 +8,7 @@ import math
 from make_hand import (
     DARK,
     FOLDER,
+    PALM_HEAD,
     STEEL,
     TAIL,
     TIP_COLORS,
@@ -128,8 +129,12 @@ def jaw(index: int) -> str:
 
 def main() -> None:
     """Writes the files."""
-    model = HEAD + carrier(palm(), mass=0.9, radius=0.05) + jaw(0) + jaw(1) + TAIL
+    jaws = jaw(0) + jaw(1) + TAIL
+    model = HEAD + carrier(palm(), mass=0.9, radius=0.05) + jaws
     (FOLDER / f"{NAME}.sdf").write_text(model, encoding="utf-8")
+    alone = link("palm", palm(), mass=0.9, length=0.02, radius=0.05)
+    model = PALM_HEAD.format(name=NAME) + alone + jaws
+    (FOLDER / f"{NAME}_palm.sdf").write_text(model, encoding="utf-8")
     tips = [
         TIP.format(index=index, radius=PAD_RADIUS, home=HOME, side=side, x=0.03 * side)
         for index, side in enumerate((1.0, -1.0))

@@ -23,7 +23,7 @@ TIP_COLORS = (
 )
 
 PALM_HEAD = """<?xml version="1.0"?>
-<!-- Written by make_hand.py. The hand of {name}.sdf, which explains it, without carrier. -->
+<!-- The hand of {name}.sdf, which explains it, without carrier; written by the same script. -->
 <sdf version="1.9" xmlns:drake="http://drake.mit.edu">
   <model name="hand">
 """

@@ -148,6 +148,7 @@ def lacking_shadow() -> str:
 LACKING_HANDS = {
     **{f"allegro_{base}": lacking_robots() for base in ("hand", "panda", "ur5", "xarm7")},
     "five_finger_panda": lacking_robots(),
+    "gripper_panda": lacking_robots(),
     "shadow_hand": lacking_shadow(),
     "shadow_panda": lacking_robots() or lacking_shadow(),
 }

@@ -27,7 +27,6 @@ from drake_pregrasp.systems.hand_scene import HandScene, separate_fingers
 from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 
 _TWO_TURNS = 4 * np.pi
-_DIRECTIONS = 3  # Number of joints that move a fingertip in all directions.
 
 
 class HandModel:
@@ -266,7 +265,6 @@ class HandModel:
                 own = kinematics.own_joints(index)
                 key, left[own] = f"fingertips[{index}]", False
                 with collector.part():
-                    self._check_own_joints(key, tip.frame, len(own))
                     if shared := names[np.intersect1d(own, self.base.joints)].tolist():
                         raise InvalidArgumentError(
                             f"base.joints: {', '.join(shared)} moves only {tip.frame}; leave it out"
@@ -280,13 +278,6 @@ class HandModel:
                         f"{', '.join(names[left])}: neither of base.joints, nor of one finger alone"
                     )
         return home
-
-    def _check_own_joints(self, key: str, frame: str, number: int) -> None:
-        if number < _DIRECTIONS and self.base.palm_frame:
-            raise InvalidArgumentError(
-                f"{key}: {frame} has {number} joints of its own; on an !Arm it needs {_DIRECTIONS},"
-                " because only a !Carrier follows the fingertips"
-            )
 
     def _check_reach(self, p_HT: FloatArray) -> None:
         """Checks that each finger reaches its home, where it is at the best angle."""

@@ -25,6 +25,7 @@ HELD = [
     ("allegro_ur5", "box"),
     ("allegro_xarm7", "box"),
     ("five_finger_panda", "box"),
+    ("gripper_panda", "box"),
     ("shadow_panda", "cylinder"),
 ]
 OTHERS = [
