@@ -109,7 +109,8 @@ class StudyRun:
             shape = scenario.object.make_shape()
         except InvalidArgumentError:
             return False
-        return fits(shape, opening(made_hand(load_hand(scenario.hand_file))))
+        hand = made_hand(load_hand(scenario.hand_file))
+        return fits(shape, opening(hand, scenario.grasp.standoff))
 
     def _times(self, scenario: Scenario, job: Mapping[str, Any]) -> list[float]:
         if not (times := self.study.closing_times(job)):

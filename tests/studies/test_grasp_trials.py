@@ -14,7 +14,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.limits_config import LimitsConfig
-from drake_pregrasp.config.object_config import Box, Conveyor, Cylinder
+from drake_pregrasp.config.object_config import Box, Conveyor, Cylinder, Mesh
 from drake_pregrasp.contacts.assignment import wrapped
 from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
@@ -36,7 +36,7 @@ from drake_pregrasp.studies.grasps.baseline_goals import (
 from drake_pregrasp.studies.grasps.fitting_objects import fits, opening
 from drake_pregrasp.studies.grasps.goal_sources import GOAL_SOURCES
 from drake_pregrasp.studies.study_file import load_study, shipped_studies
-from drake_pregrasp.studies.study_run import StudyRun
+from drake_pregrasp.studies.study_run import REFUSED, UNFIT, StudyRun
 
 CUBE = BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1))
 CORNERS = 0.05 * np.array(list(itertools.product((-1, 1), repeat=3)))
@@ -355,9 +355,29 @@ def test_objects_fit_if_some_width_is_in_the_opening_and_a_tip_reaches_under_the
     assert not fits(Cylinder(0.005, 0.1).make_shape(), limits)
     assert not fits(Box([0.2, 0.05, 0.012]).make_shape(), limits)
     # Two fingertips of the shipped hand have held boxes of 206 mm.
-    least, largest = opening(HAND)
+    least, largest = opening(HAND, 0.02)
     assert least == pytest.approx(0.018)
     assert 0.206 < largest < 0.4
+
+
+@pytest.mark.parametrize("standoff", [0.01, 0.02])
+def test_jaws_are_open_by_their_stroke_without_both_standoffs(standoff):
+    gripper = made_hand(load_hand("package://drake_pregrasp/gripper.yaml"))
+    assert opening(gripper, standoff)[1] == pytest.approx(0.11 - 2 * standoff, abs=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("standoff", "cause"), [(0.008, REFUSED), (0.02, UNFIT)])
+def test_the_standoff_of_the_scenario_decides_what_fits(standoff, cause, tmp_path, monkeypatch):
+    wide = Box([0.09, 0.12, 0.05]).make_shape()
+    monkeypatch.setattr(Mesh, "make_shape", lambda self: wide)
+    hand = {"hand.file": "package://drake_pregrasp/gripper.yaml"}
+    # What fits is refused, because the belt leaves the carrier behind.
+    fast = {"motion.linear_velocity": 1.0, "grasp.standoff": standoff, "initial_contacts": []}
+    random = {"object": {"random_objects": [100, 999]}}
+    study = load_study(grasp_study(tmp_path, random=random, overrides={**hand, **fast}))
+    ((row,),) = [StudyRun(study, {})(job) for job in study.jobs()]
+    assert row["cause"] == cause
 
 
 def grasp_study(tmp_path, **changes):

@@ -4,7 +4,6 @@ import itertools
 
 import numpy as np
 
-from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.geometry.shapes import Shape
@@ -21,14 +20,19 @@ _OPPOSITE = float(np.cos(np.radians(30)))  # Largest angle from opposite sides.
 _HALF_TURN = np.radians(np.arange(0, 180, 5))  # Azimuths of an object's widths.
 
 
-def opening(hand: HandModel) -> tuple[float, float]:
-    """Returns the least and the largest opening of a hand, in metres; see `FIT_IN_WORDS`."""
+def opening(hand: HandModel, standoff: float) -> tuple[float, float]:
+    """Returns the least and the largest opening of a hand, in metres; see `FIT_IN_WORDS`.
+
+    Args:
+        hand: Model of the hand.
+        standoff: Gap from which a fingertip closes, in metres.
+    """
     contacts = []
     for tip, places in zip(hand.description.fingertips, hand.fingers.workspaces, strict=True):
         p_HT = places.data[np.abs(places.data[:, 2]) < _LEVEL]
         outward = p_HT * [1.0, 1.0, 0.0]
         outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-        p_HC = p_HT - (tip.radius + GraspConfig.standoff) * outward
+        p_HC = p_HT - (tip.radius + standoff) * outward
         can_touch = tip.reach.make_reach().permits(p_HC, outward, p_HT)
         can_touch &= np.sum(p_HC * outward, axis=1) > 0
         contacts.append(p_HC[can_touch, :2])
