@@ -17,7 +17,6 @@ from drake_pregrasp.live.live_page import serve_live_run
 from drake_pregrasp.simulation.output import INTERRUPTED_STATUS, handling
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.run import RunResult, run, write_graphviz
-from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_resolved, only_name
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
@@ -46,30 +45,35 @@ def stop_on_signals() -> Iterator[Callable[[], bool]]:
 
 
 @contextlib.contextmanager
-def run_bar(scenario: Scenario) -> Iterator[Callable[[TickRecord], None] | None]:
-    """Shows a progress bar if the standard error is a terminal."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield None
-        return
+def run_bar(resolved: ResolvedScenario) -> Iterator[Callable[[TickRecord], None]]:
+    """Says at the first tick which code runs; then a terminal as standard error shows a bar."""
+    scenario, console = resolved.scenario, Console(stderr=True)
     columns = (
         TextColumn("{task.completed:5.1f} s of {task.total:g} s"),
         BarColumn(),
         TextColumn("{task.fields[factor]:5.1f} x real time   Q_GII {task.fields[q_gii]:.4f}"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=console) as bar:
-        task = bar.add_task("", total=scenario.simulation_duration, factor=0.0, q_gii=0.0)
-        start = time.perf_counter()
+    bar = Progress(*columns, console=console, disable=not console.is_terminal)
+    task = bar.add_task("", total=scenario.simulation_duration, factor=0.0, q_gii=0.0)
+    start = math.nan
 
-        def on_tick(record: TickRecord) -> None:
-            factor = record.time / (time.perf_counter() - start)
-            q_gii = GraspQualityView(record.grasp_quality).q_gii
-            bar.update(task, completed=record.time, factor=factor, q_gii=q_gii)
+    def on_tick(record: TickRecord) -> None:
+        nonlocal start
+        if math.isnan(start):
+            print(f"kernels     {resolved.kernels.name}", flush=True)
+            bar.start()
+            start = time.perf_counter()
+        factor = record.time / (time.perf_counter() - start)
+        q_gii = GraspQualityView(record.grasp_quality).q_gii
+        bar.update(task, completed=record.time, factor=factor, q_gii=q_gii)
 
+    try:
         yield on_tick
         if scenario.simulation_duration - bar.tasks[task].completed < scenario.planner.period:
             bar.update(task, completed=scenario.simulation_duration)
+    finally:
+        bar.stop()
 
 
 def print_result(result: RunResult, *, recorded: bool) -> None:
@@ -83,7 +87,6 @@ def print_result(result: RunResult, *, recorded: bool) -> None:
     factor, tick_ms = summary["real_time_factor"], summary["tick_time_p50_ms"]
     if result.replaced:
         print("replaced    the earlier run in this folder")
-    print(f"kernels     {summary['kernels']}")
     for line in _measures_in_words(summary):
         print(line)
     print(f"speed       {factor:.1f} x real time, planning tick {tick_ms:.2f} ms (median)")
@@ -217,6 +220,7 @@ def _live(options: argparse.Namespace) -> int:
     name, scenario = load_chosen(options)
 
     def announce(address: str) -> None:
+        print(f"kernels     {scenario.kernels.name}")
         print(f"open {address} in a browser; stop with Ctrl+C or in the page", flush=True)
 
     with stop_on_signals() as should_stop:
@@ -240,7 +244,7 @@ def _run(options: argparse.Namespace) -> int:
     if options.graphviz is not None:
         write_graphviz(make_diagram(scenario), Path(options.graphviz))
         return 0
-    with stop_on_signals() as should_stop, run_bar(scenario.scenario) as on_tick:
+    with stop_on_signals() as should_stop, run_bar(scenario) as on_tick:
         result = run(
             scenario,
             name=name,

@@ -43,6 +43,8 @@ from drake_pregrasp.diagrams.plant_match import base_pose, matching_joints
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.diagrams.wiring import connect, connect_inputs
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.fast import default_kernels
+from drake_pregrasp.fast.kernels import Kernels
 from drake_pregrasp.geometry.mesh_solid import MeshSolid
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
@@ -76,6 +78,7 @@ def add_grasping_hand(
     plant_time_step: float,
     weights: System,
     obstacles: System,
+    kernels: Kernels,
     goals: System | None = None,
     seen_solid: MeshSolid | None = None,
 ) -> GraspingHand:
@@ -98,6 +101,7 @@ def add_grasping_hand(
         plant_time_step: Time step of the hand's plant, in seconds.
         weights: System that emits `contact_weights`.
         obstacles: System that emits the `obstacles` of contacts, `fixed` among them.
+        kernels: Implementation of what takes most of a tick, for planner and controller.
         goals: System that emits the hand's `fingertip_targets` and `contact_status`; None for the
             planner. It is added, and its input ports are connected to the output ports of the same
             names of planner, controller, `weights` and `obstacles`.
@@ -122,6 +126,7 @@ def add_grasping_hand(
             plant_time_step=plant_time_step,
             gravity=planner.estimator.gravity,
             diffusion=planner.estimator.acceleration**2,
+            kernels=kernels,
         ),
     )
     planning = AddPregraspPlanner(
@@ -133,6 +138,7 @@ def add_grasping_hand(
         finger_measures=hand.fingers.measures(surface) if planner.needs_finger_measures else None,
         object_solid=seen_solid,
         tip_radii=hand.tip_radii,
+        kernels=kernels,
     )
     connect(builder, weights, "contact_weights", planning)
     connect(builder, obstacles, "obstacles", planning)
@@ -242,6 +248,7 @@ def AddHandController(
         obstacles=builder.AddNamedSystem(
             "obstacles", MovingObstacles([MovingSolid(solid, np.zeros(3)) for solid in fixed])
         ),
+        kernels=default_kernels(),
     )
     if scene_graph is not None:
         links = model.separate_links(instances, scene_graph)

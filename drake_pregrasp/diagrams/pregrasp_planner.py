@@ -80,12 +80,7 @@ class PregraspPlanner(Diagram):
         object_solid: The object in O, for `point_cloud`; None without.
         tip_radii: Radii of the fingertips of `p_WT`, in metres; see `PoseEstimator`.
         kernels: Implementation of what takes most of a tick; that of `default_kernels` by default.
-
-    Attributes:
-        kernels: Implementation that the planner uses.
     """
-
-    kernels: Kernels
 
     def __init__(
         self,
@@ -101,7 +96,7 @@ class PregraspPlanner(Diagram):
         kernels: Kernels | None = None,
     ) -> None:
         super().__init__()
-        self.kernels = kernels = kernels or default_kernels()
+        kernels = kernels or default_kernels()
         builder, p_OCoM = DiagramBuilder(), surface.p_OCoM
         estimator = builder.AddNamedSystem(
             "pose_estimator",
@@ -175,6 +170,7 @@ def AddPregraspPlanner(
     finger_measures: FingerMeasures | None = None,
     object_solid: MeshSolid | None = None,
     tip_radii: FloatArray | None = None,
+    kernels: Kernels | None = None,
     name: str = "pregrasp_planner",
 ) -> PregraspPlanner:
     """Adds a `PregraspPlanner` to a diagram, and returns it.
@@ -192,6 +188,7 @@ def AddPregraspPlanner(
         finger_measures: Measures of a hand's fingers; see `SafeRegionPartitioner`.
         object_solid: The object in O, for `point_cloud`; None without.
         tip_radii: Radii of the fingertips of `p_WT`, in metres; see `PoseEstimator`.
+        kernels: As for `PregraspPlanner`.
         name: Name of the system.
     """
     planner = PregraspPlanner(
@@ -203,6 +200,7 @@ def AddPregraspPlanner(
         finger_measures=finger_measures,
         object_solid=object_solid,
         tip_radii=tip_radii,
+        kernels=kernels,
     )
     builder.AddNamedSystem(name, planner)
     return planner

@@ -67,11 +67,16 @@ def numba_is_installed() -> bool:
     return importlib.util.find_spec("numba") is not None
 
 
-def default_kernels() -> Kernels:
-    """Returns the compiled functions if numba is installed and `SWITCH` is not 0."""
-    if os.environ.get(SWITCH) == "0" or not numba_is_installed():
-        return REFERENCE
+def installed_kernels() -> list[Kernels]:
+    """Returns the reference, then the compiled functions if numba is installed."""
+    if not numba_is_installed():
+        return [REFERENCE]
     # Imported only here, because numba takes a third of a second.
     from drake_pregrasp.fast.compiled_kernels import COMPILED
 
-    return COMPILED
+    return [REFERENCE, COMPILED]
+
+
+def default_kernels() -> Kernels:
+    """Returns the compiled functions if numba is installed and `SWITCH` is not 0."""
+    return REFERENCE if os.environ.get(SWITCH) == "0" else installed_kernels()[-1]

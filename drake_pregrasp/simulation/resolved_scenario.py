@@ -2,7 +2,7 @@
 
 import math
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -39,6 +39,8 @@ from drake_pregrasp.errors import (
     errors_at,
     raise_first,
 )
+from drake_pregrasp.fast import default_kernels
+from drake_pregrasp.fast.kernels import Kernels
 from drake_pregrasp.geometry.mesh_solid import MeshSolid
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.geometry.shapes import Shape
@@ -71,6 +73,7 @@ class ResolvedScenario:
         start: Initial contacts in O, which of them have a place, and the palm's yaw.
         planner: Configuration of the planner, with the limits of the hand.
         plant_config: Configuration of the plant, with a time step for the hand and the motion.
+        kernels: Implementation of what takes most of a tick, for planner and hand.
     """
 
     scenario: Scenario
@@ -82,6 +85,7 @@ class ResolvedScenario:
     start: StartContacts
     planner: PlannerConfig
     plant_config: MultibodyPlantConfig
+    kernels: Kernels = field(default_factory=default_kernels)
 
     @property
     def num_contacts(self) -> int:

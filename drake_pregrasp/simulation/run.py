@@ -160,7 +160,6 @@ def _write_results(
         name,
         resolved,
         logged.log,
-        kernels=logged.diagram.GetSubsystemByName("pregrasp_planner").kernels.name,
         wall_seconds=logged.wall_seconds,
         completed=logged.completed,
     )

@@ -179,6 +179,7 @@ def _add_planner(
         resolved.surface,
         resolved.start.p_OC,
         object_solid=resolved.seen_solid,
+        kernels=resolved.kernels,
     )
     connect(builder, weights, "contact_weights", planner)
     if scenario.obstacles:
@@ -228,6 +229,7 @@ def add_hand(
         plant_time_step=resolved.plant_config.time_step,
         weights=weights,
         obstacles=obstacles,
+        kernels=resolved.kernels,
         goals=goals,
         seen_solid=resolved.seen_solid,
     )

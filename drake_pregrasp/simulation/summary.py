@@ -20,7 +20,6 @@ from drake_pregrasp.contacts.selection_input import (
 )
 from drake_pregrasp.errors import printable
 from drake_pregrasp.estimation.pose_track import TrackingStatus
-from drake_pregrasp.fast import numba_is_installed
 from drake_pregrasp.grasping.catch_limits import describe_catch_limit
 from drake_pregrasp.grasping.grasp_state import GraspPhase, describe_give_up
 from drake_pregrasp.grasping.held_criterion import GraspTicks, held_measures
@@ -198,7 +197,6 @@ def summarize(
     resolved: ResolvedScenario,
     log: RunLog,
     *,
-    kernels: str,
     wall_seconds: float,
     completed: bool,
 ) -> dict[str, Any]:
@@ -241,8 +239,8 @@ def summarize(
         "scenario": name,
         "seed": scenario.random_seed,
         "completed": completed,
-        "kernels": kernels,
-        "versions": _versions(),
+        "kernels": (kernels := resolved.kernels.name),
+        "versions": _versions(kernels),
         "static": _measures(measured, static, np.mean),
         "max": _measures(measured, adapting, np.max),
         "mean": _measures(measured, adapting, np.mean),
@@ -335,9 +333,9 @@ def _measures(measured: dict[str, FloatArray], ticks: slice, reduce: Any) -> dic
     return {name: _reduced(reduce, values[ticks]) for name, values in measured.items()}
 
 
-def _versions() -> dict[str, str]:
-    # A log's last digits depend on whether numba is installed.
-    packages = ("drake", "numpy", "scipy", "trimesh", *(["numba"] if numba_is_installed() else []))
+def _versions(kernels: str) -> dict[str, str]:
+    # A log's last digits depend on the library of the kernels.
+    packages = dict.fromkeys(("drake", "numpy", "scipy", "trimesh", kernels))
     own = {"drake_pregrasp": __version__, "python": platform.python_version()}
     return own | {package: importlib.metadata.version(package) for package in packages}
 

@@ -13,7 +13,8 @@ from drake_pregrasp.config.validation import checked
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.fast.kernels import REFERENCE, HandKernels
+from drake_pregrasp.fast import default_kernels
+from drake_pregrasp.fast.kernels import HandKernels
 from drake_pregrasp.geometry.solids import PlacedSolid, SignedDistance, Solid
 from drake_pregrasp.grasping.fingertip_paths import (
     MOVING_CLEARANCE,
@@ -109,7 +110,8 @@ class HandGoalShaper(LeafSystem):
         X_LA: Approach of the palm; see `HandModel`. Fingers go around z of A, and withdraw along
             it.
         p_OCoM: Centre of mass of the object in O, shape (3,), in metres; by default the origin.
-        kernels: Implementation of `straight_step` and `hand_goals`; by default that in numpy.
+        kernels: Implementation of `straight_step` and `hand_goals`; that of `default_kernels` by
+            default.
 
     Raises:
         InvalidArgumentError: If an argument or a field of `config` is out of its range.
@@ -164,7 +166,7 @@ class HandGoalShaper(LeafSystem):
         )
         acceleration = GOAL_SHARE * config.tip_acceleration
         self._pace = Pace(config.goal_speed, acceleration, config.period)
-        self._kernels = kernels or REFERENCE.hand()
+        self._kernels = kernels or default_kernels().hand()
         self._declare_state(np.array(p_GT, dtype=float), config.standoff, yaw)
         self._declare_ports()
         self.DeclarePeriodicDiscreteUpdateEvent(target_period, 0.0, self._sample_targets)

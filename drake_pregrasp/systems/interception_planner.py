@@ -8,7 +8,8 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from drake_pregrasp.arrays import FloatArray, are_valid, pack, unpacker
-from drake_pregrasp.fast.kernels import REFERENCE, HandKernels
+from drake_pregrasp.fast import default_kernels
+from drake_pregrasp.fast.kernels import HandKernels
 from drake_pregrasp.geometry.rotations import skew
 from drake_pregrasp.grasping.catch_limits import CatchLimit
 from drake_pregrasp.grasping.grasp_state import GraspPhase
@@ -79,7 +80,7 @@ class InterceptionPlanner(LeafSystem):
             least the time until the meeting that `settings.earliest` asks for.
         predicts: Whether the object's motion is predicted; else it counts as resting.
         period: Seconds between ticks.
-        kernels: Implementation of `choose_meeting`; by default that in numpy.
+        kernels: Implementation of `choose_meeting`; that of `default_kernels` by default.
     """
 
     def __init__(
@@ -95,7 +96,7 @@ class InterceptionPlanner(LeafSystem):
         kernels: HandKernels | None = None,
     ) -> None:
         super().__init__()
-        self._choose_meeting = (kernels or REFERENCE.hand()).choose_meeting
+        self._choose_meeting = (kernels or default_kernels().hand()).choose_meeting
         self._settings, self._R_AW, self._p_OCoM = settings, R_AW, np.array(p_OCoM)
         self._commitment, self._predicts, self._period = commitment, predicts, period
         first = Meeting.at_rest(R_AW @ p_WL)

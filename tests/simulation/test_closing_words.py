@@ -8,7 +8,7 @@ import pytest
 from conftest import slow
 from simulation_runs import closing_words, points, run_log, run_text
 
-from drake_pregrasp import load_scenario
+from drake_pregrasp import load_resolved
 from drake_pregrasp.cli.run_command import run_bar
 
 
@@ -90,6 +90,9 @@ def test_the_bar_shows_the_time_of_the_last_tick(tmp_path, capsys, monkeypatch):
     run_text("a_base", "simulation_duration: 0.05", tmp_path, on_tick=ticks.append)
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "120")
-    with run_bar(load_scenario("a_base")) as on_tick:
+    resolved = load_resolved("a_base")
+    with run_bar(resolved) as on_tick:
         on_tick(dataclasses.replace(ticks[-1], time=59.96))
-    assert re.findall(r"([\d.]+) s of 60 s", capsys.readouterr().err)[-1] == "60.0"
+    shown = capsys.readouterr()
+    assert re.findall(r"([\d.]+) s of 60 s", shown.err)[-1] == "60.0"
+    assert shown.out == f"kernels     {resolved.kernels.name}\n"

@@ -73,10 +73,15 @@ def test_scenes_have_the_numbers_they_are_asked_for():
 @pytest.mark.parametrize("name", implementations())
 def test_each_tick_is_of_the_implementation_that_is_named(name, monkeypatch):
     surface, _, starts = make_scene(Scene(8))
-    made, own = [], tick_times.chosen
-    monkeypatch.setattr(tick_times, "chosen", lambda asked: made.append(asked) or own(asked))
+    made, own = [], tick_times.PregraspPlanner
+
+    def planner(*arguments, kernels):
+        made.append(kernels.name)
+        return own(*arguments, kernels=kernels)
+
+    monkeypatch.setattr(tick_times, "PregraspPlanner", planner)
     make_tick(surface, name, starts[0], PLAIN)
-    assert made == [name]
+    assert made == [{"reference": "numpy", "fast": "numba"}[name]]
 
 
 def test_ticks_are_timed_in_turn_until_time_is_up():

@@ -7,6 +7,7 @@ import sys
 import tempfile
 import time
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,7 +19,7 @@ from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.run import LoggedRun
 from drake_pregrasp.simulation.scenario_file import load_resolved
 from drake_pregrasp.simulation.simulation_diagram import make_simulator
-from drake_pregrasp.studies.bench.tick_times import chosen, implementations, tick_columns
+from drake_pregrasp.studies.bench.tick_times import implementations, kernels_of, tick_columns
 
 _TURN, _WARM_UP = 20, 3  # Planning ticks of a turn, and its first ones, which do not count.
 
@@ -124,8 +125,8 @@ def time_run(job: RunJob) -> list[dict[str, Any]]:
         runs = {}
         for name in implementations():
             (Path(folder) / name).mkdir()
-            with chosen(name):
-                runs[name] = _TimedRun(resolved, Path(folder) / name, stack)
+            own = replace(resolved, kernels=kernels_of(name))
+            runs[name] = _TimedRun(own, Path(folder) / name, stack)
         for begin in range(0, ticks, _TURN):
             for run in runs.values():
                 for _ in range(begin, min(begin + _TURN, ticks)):

@@ -1,9 +1,7 @@
 """Times of planning ticks through the planner's ports, by implementation and size."""
 
-import os
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -19,7 +17,8 @@ from drake_pregrasp.contacts.centroids import select_contacts
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import make_strategy
 from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
-from drake_pregrasp.fast import SWITCH, numba_is_installed
+from drake_pregrasp.fast import installed_kernels, numba_is_installed
+from drake_pregrasp.fast.kernels import Kernels
 from drake_pregrasp.geometry.box_surface import box_surface
 from drake_pregrasp.geometry.mesh_surface import mesh_surface
 from drake_pregrasp.geometry.shapes import Shape
@@ -91,15 +90,9 @@ def implementations() -> tuple[str, ...]:
     return ("reference", "fast") if numba_is_installed() else ("reference",)
 
 
-@contextmanager
-def chosen(implementation: str) -> Iterator[None]:
-    """Selects one of `implementations()` for planners that are built in this context."""
-    before = os.environ.get(SWITCH, "")
-    os.environ[SWITCH] = "0" if implementation == "reference" else "1"
-    try:
-        yield
-    finally:
-        os.environ[SWITCH] = before
+def kernels_of(implementation: str) -> Kernels:
+    """Returns the functions of one of `implementations()`."""
+    return installed_kernels()[implementations().index(implementation)]
 
 
 def make_tick(
@@ -122,8 +115,7 @@ def make_tick(
         obstacles: Obstacles in the world.
     """
     config = replace(config, static_duration=0.0)
-    with chosen(implementation):
-        planner = PregraspPlanner(config, surface, p_OC)
+    planner = PregraspPlanner(config, surface, p_OC, kernels=kernels_of(implementation))
     context = planner.CreateDefaultContext()
     pose = AbstractValue.Make(RigidTransform())
     planner.GetInputPort("X_WO_measured").FixValue(context, pose)
