@@ -214,6 +214,8 @@ def test_table(study: Study, tests: pd.DataFrame) -> Any:
     low, high = (part.map("{:+.1f}".format) for part in ends)
     table["difference"] = (low + " to " + high + " %").where(ends[0].notna())
     table["tested is"] = verdict
+    same = table["pairs"] - table["gained"] - table["lost"]
+    table.insert(table.columns.get_loc("pairs") + 1, "both the same", same)
     names = {"gained": "only it, or larger", "lost": "only the other, or smaller"}
     table = _flat(table.rename(columns=names))
     classes = table.map(lambda cell: _CLASSES.get(str(cell), ""))

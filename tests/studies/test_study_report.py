@@ -150,6 +150,7 @@ def test_tests_compare_the_same_runs_of_each_cell(grasps, method):
         new, other = held[condition, time, "new"], held[condition, time, method]
         assert line["pairs"] == "16"
         assert line["only it, or larger"] == str((new & ~other).sum())
+        assert line["both the same"] == str((new == other).sum())
         assert line["only the other, or smaller"] == str((other & ~new).sum())
 
 
