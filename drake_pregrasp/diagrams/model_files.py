@@ -13,8 +13,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
-import yaml
-
+from drake_pregrasp.diagrams import model_elements
 from drake_pregrasp.diagrams.package_files import (
     MAX_DEPTH,
     MAX_ELEMENTS,
@@ -65,21 +64,13 @@ MAX_FILES = 20
 _KINDS = {"sdf": "sdf", "robot": "urdf", "mujoco": "xml"}  # Formats by the tags of roots.
 _MESH_NAMES = {"urdf": "filename", "xml": "file"}  # Attributes; SDF has an element.
 
-_ELEMENTS: Mapping[str, list[str]] = yaml.safe_load(
-    Path(__file__).with_name("model_elements.yaml").read_text(encoding="utf-8")
-)
-_REFUSED, _ATTRIBUTES = set(_ELEMENTS["refused"]), set(_ELEMENTS["attributes"])
-_TAGS: Mapping[str, set[str]] = {
-    "sdf": {*_ELEMENTS["sdf"], *_ELEMENTS["drake"]},
-    "urdf": {*_ELEMENTS["urdf"], *_ELEMENTS["drake"]},
-    "xml": set(_ELEMENTS["xml"]),
-}
+_TAGS = {"sdf": model_elements.SDF, "urdf": model_elements.URDF, "xml": model_elements.MJCF}
 """Elements of each format that are copied; others are left out."""
 
 _COUNTED: Mapping[str, tuple[str, int]] = {
     **dict.fromkeys(("link", "body"), ("links", MAX_LINKS)),
     **dict.fromkeys(("visual", "collision", "geom"), ("geometries", MAX_GEOMETRIES)),
-    **{name: (f"elements <{name}>", MAX_OTHERS) for name in _ELEMENTS["counted"]},
+    **{name: (f"elements <{name}>", MAX_OTHERS) for name in model_elements.COUNTED},
 }
 
 
@@ -262,7 +253,7 @@ class _Copier:
         """Copies what is allowed of an element's attributes, text and children."""
         self._check_depth(depth)
         for name, value in element.attrib.items():
-            if _plain(name) in _ATTRIBUTES:
+            if _plain(name) in model_elements.ATTRIBUTES:
                 copied.set(_plain(name), self._value(copied, value))
         copied.text = self._value(copied, element.text or "")
         if copied.tag == "mass" or "mass" in copied.attrib:
@@ -274,7 +265,7 @@ class _Copier:
             if tag == "include" and self._kind == "sdf" and child.get("merge") == "true":
                 self._merge(copied, child, depth + 1)
                 continue
-            if tag in _REFUSED:
+            if tag in model_elements.REFUSED:
                 raise self._error(f"has <{tag}>; write out what it stands for, in the same file")
             if tag not in _TAGS[self._kind]:
                 self._left_out.update({tag} - {"uri"})  # Of meshes, which get another one.
