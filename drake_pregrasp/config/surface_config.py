@@ -120,7 +120,7 @@ class SurfaceConfig:
         self,
         config: ObjectConfig,
         *,
-        shape: Shape | None = None,
+        shape: Shape,
         spacing: float | None = None,
         tip: TipSize | None = None,
     ) -> ObjectSurface:
@@ -128,13 +128,13 @@ class SurfaceConfig:
 
         Args:
             config: The object.
-            shape: Shape of the object, if it has been made.
+            shape: Shape of the object.
             spacing: Distance between candidate points, in metres; that of this configuration by
                 default.
             tip: Size of the fingertips of a hand, which need a place. On a box they have it.
 
         Raises:
-            InvalidArgumentError: If the object cannot be made, or no allowed surface is left.
+            InvalidArgumentError: If a length is out of range, or no allowed surface is left.
         """
         lengths = {
             "spacing": self.spacing if spacing is None else spacing,
@@ -148,7 +148,6 @@ class SurfaceConfig:
                 max_points=MAX_BOX_POINTS,
                 **lengths,
             )
-        shape = shape or config.make_shape()
         areas: list[NoTouchArea] = [AxisArea(face) for face in self.forbidden_faces]
         areas += [area.make_area(shape) for area in self.no_touch]
         return mesh_surface(shape, seed=self.seed, no_touch=areas, tip=tip, **lengths)

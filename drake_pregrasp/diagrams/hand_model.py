@@ -34,7 +34,7 @@ class HandModel:
 
     Args:
         description: Description of the hand.
-        yaw_range: Range of the wrist, as for `add_hand_model`.
+        yaw_range: Range of the wrist, as for `add_read_model`.
         X_LA: Approach of the palm: pose of the frame A, in the frame L with its origin in the
             object's centre of mass and the axes of W. The palm comes along z of A, about which its
             yaw turns, and which points to the palm. From above by default, with A as L.

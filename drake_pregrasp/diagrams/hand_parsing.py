@@ -72,7 +72,6 @@ _EMPTY = 2  # Number of model instances of a plant without models: of the world,
 def add_hand_model(
     plant: MultibodyPlant,
     description: HandDescription,
-    yaw_range: tuple[float, float] = FREE_TURN,
     X_WB: RigidTransform = FROM_ABOVE,
     scene_graph: SceneGraph | None = None,
 ) -> list[ModelInstanceIndex]:
@@ -84,8 +83,6 @@ def add_hand_model(
     Args:
         plant: Plant to which the hand is added.
         description: Description of the hand.
-        yaw_range: Smallest and largest angle of a carrier's wrist, in radians; the model keeps its
-            own range by default.
         X_WB: Pose in W of the frame B that the model calls its world, in which the base stands.
         scene_graph: SceneGraph of the plant, in which fingertips without hydroelastic properties
             become compliant; None: they stay as they are.
@@ -97,7 +94,7 @@ def add_hand_model(
         InvalidArgumentError: If its model cannot be loaded, or does not match its description.
     """
     model = read_model(description.model)
-    models = add_read_model(plant, model, description, yaw_range, X_WB, warns=True)
+    models = add_read_model(plant, model, description, X_WB=X_WB, warns=True)
     if scene_graph is not None:
         _soften(HandInstances(plant, models), description, scene_graph)
     return models
@@ -135,14 +132,15 @@ def add_read_model(
         plant: As for `add_hand_model`.
         model: Model of the description, from `read_model`.
         description: As for `add_hand_model`.
-        yaw_range: As for `add_hand_model`.
+        yaw_range: Smallest and largest angle of a carrier's wrist, in radians; the model keeps its
+            own range by default.
         X_WB: As for `add_hand_model`.
         warns: Whether warnings about the model are logged.
     """
     is_first = plant.num_model_instances() == _EMPTY  # No instance is renamed then.
     instances = _parse(plant, model, warns=warns)
     hand = HandInstances(plant, instances, are_named=is_first)
-    _complete(hand, description, yaw_range, X_WB)
+    _complete(hand, description, X_WB, yaw_range)
     return instances
 
 
@@ -150,7 +148,6 @@ def complete_hand_model(
     plant: MultibodyPlant,
     description: HandDescription,
     robot: ModelInstanceIndex | Sequence[ModelInstanceIndex],
-    yaw_range: tuple[float, float] = FREE_TURN,
     X_WB: RigidTransform | None = None,
     scene_graph: SceneGraph | None = None,
 ) -> None:
@@ -162,14 +159,13 @@ def complete_hand_model(
         plant: Plant with the models.
         description: Description of the hand.
         robot: Model instances of the hand and of what carries it.
-        yaw_range: As for `add_hand_model`.
         X_WB: As for `add_hand_model`; None: the base stays where it is.
         scene_graph: As for `add_hand_model`.
 
     Raises:
         InvalidArgumentError: If the models do not match the description.
     """
-    _complete(hand := HandInstances(plant, robot), description, yaw_range, X_WB)
+    _complete(hand := HandInstances(plant, robot), description, X_WB)
     if scene_graph is not None:
         _soften(hand, description, scene_graph)
 
@@ -186,8 +182,8 @@ def _soften(hand: HandInstances, description: HandDescription, scene_graph: Scen
 def _complete(
     hand: HandInstances,
     description: HandDescription,
-    yaw_range: tuple[float, float],
     X_WB: RigidTransform | None,
+    yaw_range: tuple[float, float] = FREE_TURN,
 ) -> None:
     if hand.plant.is_finalized():
         raise InvalidArgumentError("plant: it is finalized already; complete the hand before")

@@ -171,7 +171,6 @@ def AddPregraspPlanner(
     object_solid: MeshSolid | None = None,
     tip_radii: FloatArray | None = None,
     kernels: Kernels | None = None,
-    name: str = "pregrasp_planner",
 ) -> PregraspPlanner:
     """Adds a `PregraspPlanner` to a diagram, and returns it.
 
@@ -189,7 +188,6 @@ def AddPregraspPlanner(
         object_solid: The object in O, for `point_cloud`; None without.
         tip_radii: Radii of the fingertips of `p_WT`, in metres; see `PoseEstimator`.
         kernels: As for `PregraspPlanner`.
-        name: Name of the system.
     """
     planner = PregraspPlanner(
         config,
@@ -202,5 +200,5 @@ def AddPregraspPlanner(
         tip_radii=tip_radii,
         kernels=kernels,
     )
-    builder.AddNamedSystem(name, planner)
+    builder.AddNamedSystem("pregrasp_planner", planner)
     return planner

@@ -22,7 +22,6 @@ def filter_poses(
     p_WO: FloatArray,
     R_WO: FloatArray,
     noise: PoseFilterNoise,
-    p_OCoM: FloatArray | None = None,
 ) -> list[PoseBelief]:
     """Runs the filter over measured poses and returns its belief after each.
 
@@ -31,14 +30,13 @@ def filter_poses(
         p_WO: Measured positions, shape (k, 3), in metres.
         R_WO: Measured orientations, shape (k, 3, 3).
         noise: Noise and motion that the filter assumes.
-        p_OCoM: Centre of mass in O, shape (3,), in metres; the origin of O by default.
     """
     beliefs: list[PoseBelief] = []
     for measurement in map(PoseMeasurement, times.tolist(), p_WO, R_WO):
         if beliefs:
-            beliefs.append(filter_step(beliefs[-1], measurement, noise, p_OCoM)[1].belief)
+            beliefs.append(filter_step(beliefs[-1], measurement, noise)[1].belief)
         else:
-            beliefs.append(first_belief(measurement, noise, p_OCoM))
+            beliefs.append(first_belief(measurement, noise))
     return beliefs
 
 

@@ -18,7 +18,6 @@ from drake_pregrasp.fast.members import Members, WriteWeights, members_of
 from drake_pregrasp.fast.predicates import numbers_of, write_finger_measures
 from drake_pregrasp.fast.projection import CompiledSurface
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.quality.force_closure import FRICTION
 from drake_pregrasp.quality.grasp_quality import characteristic_length
 from drake_pregrasp.regions.constraints import RADIUS
 from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
@@ -146,13 +145,13 @@ class CompiledGoals:
         surface: ObjectSurface,
         weights: Mapping[str, float],
         *,
-        reading: str = "hand",
-        contact_model: str = "complete",
-        length: float = 0.0,
-        stretch: bool = True,
-        power: float = 1.0,
-        friction: float = FRICTION,
-        best_point: bool = False,
+        reading: str,
+        contact_model: str,
+        length: float,
+        stretch: bool,
+        power: float,
+        friction: float,
+        best_point: bool,
     ) -> None:
         self._surface = surface = CompiledSurface.of(surface)
         shares = {name: share for name, share in weights.items() if share > 0}

@@ -24,6 +24,7 @@ _REGION_LIFT = 8e-4
 """Distance of tiles from the surface, in metres; the object hides tiles with a larger error."""
 
 _MARKER_RADIUS = 0.006  # Radius of the marker of a goal, in metres.
+_TRAIL_LENGTH = 20  # Number of dots that mark the path of each goal over the object.
 _TRAIL_STEP = 0.003  # Distance between two dots of a trail on the object, in metres.
 _MAGNIFICATION = 10.0  # Magnification of the ellipsoid of the covariance.
 _SEEN_THROUGH = 0.4  # Opacity of goals behind the object.
@@ -82,7 +83,6 @@ class PregraspVisualizer(LeafSystem):
             tile has the colour of the closest candidate. By default, `surface`.
         num_contacts: Number of contacts n.
         publish_period: Seconds between frames, greater than zero.
-        trail_length: Number of dots that mark the path of each goal over the object.
         record: Whether the regions' colours are recorded too. `Meshcat.StartRecording` controls
             everything else.
         continues: An equal visualizer whose drawings in Meshcat this one takes over.
@@ -96,7 +96,6 @@ class PregraspVisualizer(LeafSystem):
         tile_surface: ObjectSurface | None = None,
         num_contacts: int,
         publish_period: float,
-        trail_length: int = 20,
         record: bool = True,
         continues: "PregraspVisualizer | None" = None,
     ) -> None:
@@ -105,7 +104,7 @@ class PregraspVisualizer(LeafSystem):
         self._surface = surface
         self._tile_surface = tile_surface or surface
         self._tile_candidates = _nearest_candidates(surface, self._tile_surface)
-        self._num_contacts, self._trail_length, self._record = num_contacts, trail_length, record
+        self._num_contacts, self._record = num_contacts, record
         self._hover = 0.045 + float(np.max(surface.p_OQ[:, 2]))
         self._forget()
         self._colors = {i: region_color(i) for i in (NO_REGION, *range(num_contacts))}
@@ -139,7 +138,7 @@ class PregraspVisualizer(LeafSystem):
             through = f"{_goal_path(i)}/through"
             self._meshcat.SetObject(through, Sphere(_MARKER_RADIUS), pale)
             self._meshcat.SetProperty(f"{through}/<object>", "material.depthTest", False)
-            for slot in range(self._trail_length):
+            for slot in range(_TRAIL_LENGTH):
                 path = _trail_path(i, slot)
                 self._meshcat.SetObject(path, Sphere(0.25 * _MARKER_RADIUS), color)
         mesh = self._surface.mesh
@@ -215,12 +214,12 @@ class PregraspVisualizer(LeafSystem):
     def _draw_trails(self, p_OC: FloatArray, active: BoolArray, time: float) -> None:
         for i, head in enumerate(self._trail_heads):
             if head is None:
-                for slot in range(self._trail_length):
+                for slot in range(_TRAIL_LENGTH):
                     self._set(_trail_path(i, slot), "visible", False, time)
             elif np.linalg.norm(p_OC[i] - head[1]) < _TRAIL_STEP or not active[i]:
                 continue
             count = 0 if head is None else head[0] + 1
-            path = _trail_path(i, count % self._trail_length)
+            path = _trail_path(i, count % _TRAIL_LENGTH)
             self._meshcat.SetTransform(path, RigidTransform(p_OC[i]), time)
             self._set(path, "visible", True, time)
             self._trail_heads[i] = count, p_OC[i]

@@ -26,7 +26,6 @@ from drake_pregrasp.estimation.pose_filter import (
     predict,
     predicted_mean,
 )
-from drake_pregrasp.estimation.pose_smoother import filter_poses
 
 NOISE = PoseFilterNoise(
     position=1e-3,
@@ -42,7 +41,13 @@ DT = 0.05
 
 
 def filtered(times, p, R, noise=NOISE, p_OCoM=None):
-    return filter_poses(np.asarray(times), np.asarray(p), R.as_matrix(), noise, p_OCoM)[-1]
+    belief = None
+    for measurement in map(PoseMeasurement, times, p, R.as_matrix()):
+        if belief is None:
+            belief = first_belief(measurement, noise, p_OCoM)
+        else:
+            belief = filter_step(belief, measurement, noise, p_OCoM)[1].belief
+    return belief
 
 
 def some_belief(turn=None, noise=NOISE, shift=(0.0, 0.0, 0.0), p_OCoM=None):

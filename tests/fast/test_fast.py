@@ -16,6 +16,7 @@ from drake_pregrasp import (
     box_surface,
     mesh_surface,
 )
+from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.contacts.centroids import select_contacts
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import make_strategy
@@ -81,6 +82,13 @@ def test_blocks_hold_every_candidate_once(N, size):
     assert [len(block) for block in blocks[1:]] == (len(blocks) - 1) * [size]
 
 
+def compiled_goals(surface, name, **changes):
+    config = PlannerConfig(**changes)
+    keys = "reading contact_model length stretch power friction best_point"
+    options = {key: getattr(config, key) for key in keys.split()}
+    return COMPILED.goals(surface, {name: 1.0}, **options)
+
+
 def goals_of(surface, p_OC, h, name, *, stretch, covariance, in_turns=False):
     """Goals of the reference and of the compiled implementation."""
     regions = compute_safe_regions(surface.p_OQ, p_OC, h, surface.forbidden)
@@ -88,7 +96,7 @@ def goals_of(surface, p_OC, h, name, *, stretch, covariance, in_turns=False):
     strategy = make_strategy(name, stretch=stretch)
     return [
         select_contacts(selection, strategy, in_turns=in_turns, choose=choose).p_OC
-        for choose in (None, COMPILED.goals(surface, {name: 1.0}, stretch=stretch))
+        for choose in (None, compiled_goals(surface, name, stretch=stretch))
     ]
 
 
@@ -158,7 +166,7 @@ def test_of_weights_that_differ_by_rounding_only_areas_count(name):
     member = regions.members(0)
     plain = surface.areas[member] @ q[member] / np.sum(surface.areas[member])
     expected = surface.project_into(plain[None], [member])[0]
-    for choose in (None, COMPILED.goals(surface, {name: 1.0})):
+    for choose in (None, compiled_goals(surface, name)):
         goals = select_contacts(selection, make_strategy(name), choose=choose).p_OC
         np.testing.assert_allclose(goals, expected, atol=1e-10)
 
@@ -181,7 +189,7 @@ def test_no_tick_waits_for_the_compiler_whatever_arrays_it_meets(kind):
     )
     regions = replace(regions, labels=kind(regions.labels.astype(np.int32)))
     selection = SelectionInput(surface, kind(p_OC), regions, kind(np.eye(3)))
-    choose = COMPILED.goals(surface, {"gii": 1.0})
+    choose = compiled_goals(surface, "gii")
     np.testing.assert_array_equal(choose(selection, kind(np.arange(4))), plain)
     modules = closed_forms, goals, labels, margins, predicates, projection
     found = [f for module in modules for f in vars(module).values() if hasattr(f, "signatures")]

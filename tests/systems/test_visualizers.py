@@ -71,8 +71,8 @@ def test_regions_are_drawn_on_the_object_and_goals_where_they_are(meshcat, surfa
 
 
 def test_the_planner_is_drawn_once_and_then_only_moves(meshcat, surface, p_OC):
-    visualizer = drawn(meshcat, surface, p_OC, trail_length=3)
-    assert meshcat.HasPath(f"{PREGRASP}/object/trails/4/2")
+    visualizer = drawn(meshcat, surface, p_OC)
+    assert meshcat.HasPath(f"{PREGRASP}/object/trails/4/19")
     meshcat.StartRecording(frames_per_second=10)
     before = len(meshcat.StaticHtml())
     visualizer.publish()
