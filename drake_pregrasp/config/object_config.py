@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 from pydrake.math import RollPitchYaw
+from pydrake.multibody.tree import UniformGravityFieldElement
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.estimation.recorded_poses import RecordedPoses
@@ -14,6 +15,9 @@ from drake_pregrasp.geometry.resting import settled_rotation, stable_rotation
 from drake_pregrasp.geometry.solids import BoxSolid
 from drake_pregrasp.interfaces.pose_files import read_poses
 from drake_pregrasp.resources import resolve_path
+
+GRAVITY: float = UniformGravityFieldElement.kDefaultStrength
+"""Acceleration of gravity along -z of W in Drake's plants, in m/s²."""
 
 
 def rpy_matrix(rpy: list[float]) -> FloatArray:

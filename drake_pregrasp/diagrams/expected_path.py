@@ -10,6 +10,7 @@ from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.object_config import (
+    GRAVITY,
     Conveyor,
     MotionConfig,
     PoseStream,
@@ -19,7 +20,6 @@ from drake_pregrasp.config.object_config import (
 from drake_pregrasp.diagrams.object_body import resting_position
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.geometry.shapes import Shape
-from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 
 _SAMPLES = 50  # Positions of the path.
 _POSES = 200  # Poses on a conveyor.

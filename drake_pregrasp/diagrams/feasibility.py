@@ -8,6 +8,7 @@ from scipy.linalg import block_diag
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
+from drake_pregrasp.config.object_config import GRAVITY
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.contacts.hand_over_object import StartContacts
 from drake_pregrasp.diagrams.hand_model import HandModel
@@ -17,7 +18,6 @@ from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.clearances import LINK_CLEARANCE
 from drake_pregrasp.grasping.grasp_state import GiveUp
-from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 from drake_pregrasp.systems.squeeze_program import plan_squeeze
 
 _TIMES = 200  # Times at which the joints of a carrier are compared with their limits.

@@ -36,9 +36,9 @@ from pydrake.multibody.tree import (
 )
 
 from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.config.object_config import GRAVITY
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.shapes import Shape
-from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 from drake_pregrasp.systems.hand_scene import drake_shape
 from drake_pregrasp.systems.sources import MovingSolid
 from drake_pregrasp.visualization.drawing import BODY_COLOR, drawn_solid

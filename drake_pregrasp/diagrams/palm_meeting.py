@@ -5,12 +5,12 @@ from pydrake.math import RigidTransform
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
+from drake_pregrasp.config.object_config import GRAVITY
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.palm_base import PalmCarrier
 from drake_pregrasp.geometry.solids import SignedDistance
 from drake_pregrasp.grasping.interception import NUM_TIMES, MeetingSettings
 from drake_pregrasp.grasping.palm_paths import PalmLimits
-from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 from drake_pregrasp.systems.hand_kinematics import moving_joints, point_jacobian, scoped_frame
 
 _SPEED_SHARE = 0.9  # Share of the axes' largest speed that the path to the meeting uses.

@@ -12,6 +12,7 @@ from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig, hand_limits
 from drake_pregrasp.config.hand_description import HandDescription, least_fingers
 from drake_pregrasp.config.limits_config import LimitsConfig
+from drake_pregrasp.config.object_config import GRAVITY
 from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.contacts.assignment import assign_fingers_round, make_room, palm_turn
 from drake_pregrasp.contacts.hand_over_object import HandOverObject, StartContacts
@@ -25,7 +26,6 @@ from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GENTLE
 from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
 from drake_pregrasp.regions.finger_measures import FingerMeasures
-from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 from drake_pregrasp.systems.palm_frames import reach_frame
 
 _PASSING = 100.0  # Weight of free ways along the palm's axis for objects that come along it.

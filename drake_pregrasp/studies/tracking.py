@@ -15,6 +15,7 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.object_config import GRAVITY
 from drake_pregrasp.config.planner_config import EstimatorConfig, tracker_settings
 from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.estimation.fault_settings import MeasurementFaults
@@ -92,7 +93,7 @@ def _straight(t: FloatArray, rng: np.random.Generator) -> Poses:
 
 def _flight(t: FloatArray, rng: np.random.Generator) -> Poses:
     v, w = rng.uniform(1, 4) * _direction(rng), rng.uniform(0, 10) * _direction(rng)
-    p = t[:, None] * v - 9.81 / 2 * t[:, None] ** 2 * [0, 0, 1]
+    p = t[:, None] * v - GRAVITY / 2 * t[:, None] ** 2 * [0, 0, 1]
     return _moved(t, p, t[:, None] * w, rng)
 
 

@@ -9,9 +9,9 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.object_config import GRAVITY
 from drake_pregrasp.estimation.recorded_poses import RecordedPoses
 from drake_pregrasp.systems import ports
-from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 
 LETS_GO = 0.5
 """Pull at the object, as a share of its weight, from which on the giver lets it go."""

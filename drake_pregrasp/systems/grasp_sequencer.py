@@ -8,12 +8,12 @@ from functools import partial
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.tree import UniformGravityFieldElement
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, are_valid, norms, validated_numbers
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.hand_description import Fingertip
+from drake_pregrasp.config.object_config import GRAVITY
 from drake_pregrasp.config.validation import checked
 from drake_pregrasp.geometry.rotations import skew
 from drake_pregrasp.geometry.solids import SignedDistance
@@ -33,9 +33,6 @@ from drake_pregrasp.grasping.touch_correction import corrected_pose, touch_rows
 from drake_pregrasp.systems import ports
 from drake_pregrasp.systems.held_frame import HeldFrame, HeldMemory, HeldObject
 from drake_pregrasp.systems.squeeze_program import plan_lift
-
-GRAVITY: float = UniformGravityFieldElement.kDefaultStrength
-"""Acceleration of gravity along -z of W, in m/s²."""
 
 _UP = np.array([0.0, 0.0, 1.0])
 

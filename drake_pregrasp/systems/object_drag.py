@@ -8,8 +8,8 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.object_config import GRAVITY
 from drake_pregrasp.systems import ports
-from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 
 STRONGEST = 2.0
 """Largest force, as a share of the object's weight."""

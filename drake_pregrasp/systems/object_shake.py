@@ -6,10 +6,10 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Context, LeafSystem
 
+from drake_pregrasp.config.object_config import GRAVITY
 from drake_pregrasp.grasping.grasp_state import GraspPhase
 from drake_pregrasp.grasping.held_criterion import shake_force
 from drake_pregrasp.systems import ports
-from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 
 
 class ObjectShake(LeafSystem):
