@@ -67,6 +67,10 @@ def problems_of(error: PregraspError) -> list[str]:
     return error.problems if isinstance(error, ProblemsError) else [str(error)]
 
 
+class MissingPackageError(InvalidArgumentError):
+    """A Python package of an extra of this package is not installed."""
+
+
 class OutOfReachError(InvalidArgumentError):
     """An arm cannot hold its palm at a pose.
 

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from importlib.machinery import PathFinder
 from pathlib import Path
 
-from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
+from drake_pregrasp.errors import InvalidArgumentError, MissingPackageError, ScenarioError
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -76,15 +76,15 @@ def require_packages(*modules: str, extra: str, purpose: str) -> None:
         purpose: Subject of the message: what needs them.
 
     Raises:
-        InvalidArgumentError: If one is missing; the message has the command that installs it.
+        MissingPackageError: If one is missing; the message has the command that installs it.
     """
     if missing := [name for name in modules if importlib.util.find_spec(name) is None]:
         raise missing_package(" and ".join(missing), extra=extra, purpose=purpose)
 
 
-def missing_package(package: str, *, extra: str, purpose: str) -> InvalidArgumentError:
+def missing_package(package: str, *, extra: str, purpose: str) -> MissingPackageError:
     """Returns the error that a package of an extra is not installed, with the command for it."""
-    return InvalidArgumentError(
+    return MissingPackageError(
         f"{purpose} needs {package}; pip install 'drake_pregrasp[{extra}]' brings it"
     )
 

@@ -29,7 +29,7 @@ from drake_pregrasp.simulation.recording import (
     start_meshcat,
 )
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
-from drake_pregrasp.simulation.run_log import GraspLog, RunLog, static_end
+from drake_pregrasp.simulation.run_log import GraspLog, RunLog, static_end, tick_table
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_check import check_recording
 from drake_pregrasp.simulation.scenario_file import dump_scenario, resolve
@@ -222,7 +222,7 @@ class LoggedRun:
             # A reference to the diagram from here would be a cycle that keeps it alive.
             parts = log.append(record)
             if mcap_log is not None:
-                row = log.table(*([part] for part in parts))[0]
+                row = tick_table(*([part] for part in parts))[0]
                 named = dict(zip(log.columns, row.tolist(), strict=True))
                 with output.writing(mcap_log.path):
                     mcap_log.append(named, record.regions.labels)

@@ -9,7 +9,7 @@ import os
 import time
 from array import array
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, Self
@@ -27,12 +27,18 @@ from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
 
 _FLUSH_PERIOD = 1.0  # Seconds of data that a killed run can lose.
 _LONGEST_ROW = 100_000  # Largest length of a row, in characters.
-# Parts of a row of `RunLog`, which `RunLog.table` takes in this order.
+# Parts of a row of `log.csv`, which `tick_table` takes in this order.
 _STEP_FIELDS = attrgetter("time", "p_WC", "contact_status")
 _OTHER_FIELDS = attrgetter(
     *("X_WO", "X_WO_estimated", "grasp_quality", "regions.counts"),
     *("contact_causes", "tracking_status", "time_since_measurement"),
 )
+
+
+def number_table(*parts: Any) -> FloatArray:
+    """Returns the numbers of rows, shape (rows, columns), given each part of all rows."""
+    plain = ([pose_values(X) for X in p] if type(p[0]) is RigidTransform else p for p in parts)
+    return np.hstack([np.reshape(part, (len(part), -1)) for part in plain])
 
 
 class CsvLog:
@@ -44,14 +50,21 @@ class CsvLog:
     Args:
         path: File to write; an existing one is replaced.
         columns: Names of the columns.
+        table: Function that returns rows, shape (rows, columns), given each part of all rows.
 
     Attributes:
         columns: Names of the columns.
         num_rows: Number of rows, also of those that are still in memory.
     """
 
-    def __init__(self, path: Path, columns: Sequence[str]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        columns: Sequence[str],
+        table: Callable[..., FloatArray] = number_table,
+    ) -> None:
         self.columns = list(columns)
+        self._table = table
         self.num_rows = 0
         self._flushed = time.monotonic()
         self._path = path
@@ -85,18 +98,13 @@ class CsvLog:
             self._flush()
 
     def _flush(self) -> None:
-        rows = self.table(*zip(*self._waiting, strict=True)).tolist() if self._waiting else []
+        rows = self._table(*zip(*self._waiting, strict=True)).tolist() if self._waiting else []
         text = "".join(",".join(map(repr, row)) + "\n" for row in rows)
         self._waiting.clear()  # An interrupt can cost the last rows, but none between others.
         with writing(self._path):
             self._file.write(text)
             self._file.flush()
         self._flushed = time.monotonic()
-
-    def table(self, *parts: Any) -> FloatArray:
-        """Returns the numbers of rows, shape (rows, columns), given each part of all rows."""
-        plain = ([pose_values(X) for X in p] if type(p[0]) is RigidTransform else p for p in parts)
-        return np.hstack([np.reshape(part, (len(part), -1)) for part in plain])
 
     def read(self, *names: str) -> list[FloatArray]:
         """Returns columns of the closed file.
@@ -110,6 +118,61 @@ class CsvLog:
         with reading_back(self._path):
             table = np.loadtxt(self._path, delimiter=",", skiprows=1, usecols=indices, ndmin=2)
         return list(table.T)
+
+
+class TickRows:
+    """What the rows of `log.csv` take from a tick and those before it.
+
+    Args:
+        lookahead: Prediction horizon of the logged estimates, in seconds.
+    """
+
+    def __init__(self, lookahead: float) -> None:
+        self._lookahead = lookahead
+        self._last: TickRecord | None = None
+        self._predictions: deque[tuple[float, FloatArray]] = deque()
+
+    def parts(self, record: TickRecord) -> tuple[Any, ...]:
+        """Returns the parts of the next tick's row, from which `tick_table` computes the row."""
+        now, before = _STEP_FIELDS(record), _STEP_FIELDS(self._last or record)
+        self._last = record
+        return (*now, *before, *_OTHER_FIELDS(record), self._estimate_for(record))
+
+    def _estimate_for(self, record: TickRecord) -> FloatArray:
+        """Returns the position of O in W that was estimated for the time of a tick.
+
+        With look-ahead, it is interpolated between earlier predictions, or NaN if there are none.
+        """
+        p_WO: FloatArray = record.X_WO_estimated.translation()
+        if not self._lookahead:
+            return p_WO
+        now = record.time + SLACK * self._lookahead
+        self._predictions.append((record.time + self._lookahead, p_WO))
+        while len(self._predictions) > 1 and self._predictions[1][0] <= now:
+            self._predictions.popleft()
+        if self._predictions[0][0] > now:
+            return np.full(3, np.nan)
+        (t0, p0), (t1, p1) = self._predictions[0], self._predictions[1]
+        share = (record.time - t0) / (t1 - t0)
+        return p0 + share * (p1 - p0)
+
+
+def tick_table(*parts: Any) -> FloatArray:
+    """Returns rows of `log.csv`, shape (rows, columns), given each of the `TickRows.parts`.
+
+    Many rows at once take much less time than one by one.
+    """
+    times, p_WC, status, earlier, p_WC_before, status_before = map(np.array, parts[:6])
+    X_WO, X_WO_estimated, quality, sizes, *others, p_WO = parts[6:]
+    active, dt = is_active(status), times - earlier
+    squares = np.sum((p_WC - p_WC_before) ** 2, axis=2)
+    squares[~(active & is_active(status_before))] = 0.0
+    energy = squares.sum(axis=1) / np.where(dt > 0, 2 * dt**2, np.inf)
+    displacement = np.sqrt(squares).sum(axis=1)
+    yaw = [RollPitchYaw(X.rotation()).yaw_angle() for X in X_WO]
+    error = norms(np.subtract(p_WO, [X.translation() for X in X_WO]))
+    contacts = times, p_WC, active, quality, displacement, energy, sizes
+    return number_table(*contacts, X_WO, yaw, X_WO_estimated, error, status, *others)
 
 
 class RunLog(CsvLog):
@@ -130,64 +193,22 @@ class RunLog(CsvLog):
     def __init__(
         self, path: Path, num_contacts: int, *, static_end: float = 0.0, lookahead: float = 0.0
     ) -> None:
-        super().__init__(path, log_columns(num_contacts))
+        super().__init__(path, log_columns(num_contacts), tick_table)
         self.last_static: TickRecord | None = None
         self.last: TickRecord | None = None
         self.tick_seconds = array("d")
         self._static_end = static_end
-        self._lookahead = lookahead
-        self._predictions: deque[tuple[float, FloatArray]] = deque()
+        self._rows = TickRows(lookahead)
 
     def append(self, record: TickRecord) -> tuple[Any, ...]:
-        """Writes a tick, and returns its `row_parts`."""
-        parts = self.row_parts(record)
-        self.write(*parts)
-        return parts
-
-    def row_parts(self, record: TickRecord) -> tuple[Any, ...]:
-        """Returns the parts of the next tick's row, from which `table` computes the row."""
-        now, before = _STEP_FIELDS(record), _STEP_FIELDS(self.last or record)
-        parts = (*now, *before, *_OTHER_FIELDS(record), self._estimate_for(record))
+        """Writes a tick, and returns its `TickRows.parts`."""
         self.last = record
         if record.time < self._static_end:
             self.last_static = record
         self.tick_seconds.append(record.wall_seconds)
+        parts = self._rows.parts(record)
+        self.write(*parts)
         return parts
-
-    def table(self, *parts: Any) -> FloatArray:
-        """Returns rows of `log.csv`, shape (rows, columns), given the `row_parts`.
-
-        Many rows at once take much less time than one by one.
-        """
-        times, p_WC, status, earlier, p_WC_before, status_before = map(np.array, parts[:6])
-        X_WO, X_WO_estimated, quality, sizes, *others, p_WO = parts[6:]
-        active, dt = is_active(status), times - earlier
-        squares = np.sum((p_WC - p_WC_before) ** 2, axis=2)
-        squares[~(active & is_active(status_before))] = 0.0
-        energy = squares.sum(axis=1) / np.where(dt > 0, 2 * dt**2, np.inf)
-        displacement = np.sqrt(squares).sum(axis=1)
-        yaw = [RollPitchYaw(X.rotation()).yaw_angle() for X in X_WO]
-        error = norms(np.subtract(p_WO, [X.translation() for X in X_WO]))
-        contacts = times, p_WC, active, quality, displacement, energy, sizes
-        return super().table(*contacts, X_WO, yaw, X_WO_estimated, error, status, *others)
-
-    def _estimate_for(self, record: TickRecord) -> FloatArray:
-        """Returns the position of O in W that was estimated for the time of a tick.
-
-        With look-ahead, it is interpolated between earlier predictions, or NaN if there are none.
-        """
-        p_WO: FloatArray = record.X_WO_estimated.translation()
-        if not self._lookahead:
-            return p_WO
-        now = record.time + SLACK * self._lookahead
-        self._predictions.append((record.time + self._lookahead, p_WO))
-        while len(self._predictions) > 1 and self._predictions[1][0] <= now:
-            self._predictions.popleft()
-        if self._predictions[0][0] > now:
-            return np.full(3, np.nan)
-        (t0, p0), (t1, p1) = self._predictions[0], self._predictions[1]
-        share = (record.time - t0) / (t1 - t0)
-        return p0 + share * (p1 - p0)
 
 
 def log_columns(num_contacts: int) -> list[str]:

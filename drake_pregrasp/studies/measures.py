@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +14,13 @@ from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE
 from drake_pregrasp.grasping.held_criterion import LARGEST_MM, PARTS
 from drake_pregrasp.regions.constraints import OPPOSITE
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
-from drake_pregrasp.simulation.run_log import RunLog, adapting_phase, pose_columns
+from drake_pregrasp.simulation.run_log import (
+    TickRows,
+    adapting_phase,
+    log_columns,
+    pose_columns,
+    tick_table,
+)
 from drake_pregrasp.simulation.summary import force_closure_summary, seen_from
 from drake_pregrasp.studies.grasps.grasp_outcome import Outcome
 from drake_pregrasp.systems.loggers import TickRecord
@@ -85,11 +90,11 @@ def _planning(run: SimulatedRun) -> dict[str, Any]:
 
 def _log_columns(run: SimulatedRun) -> dict[str, FloatArray]:
     """Returns the columns of the run's `log.csv`."""
-    lookahead = run.resolved.planner.estimator.lookahead
-    log = RunLog(Path("log.csv"), run.resolved.num_contacts, lookahead=lookahead)  # Not written.
-    rows = [log.row_parts(record) for record in run.ticks]
-    table = log.table(*zip(*rows, strict=True)) if rows else np.empty((0, len(log.columns)))
-    return dict(zip(log.columns, table.T, strict=True))
+    names = log_columns(run.resolved.num_contacts)
+    rows = TickRows(run.resolved.planner.estimator.lookahead)
+    parts = [rows.parts(record) for record in run.ticks]
+    table = tick_table(*zip(*parts, strict=True)) if parts else np.empty((0, len(names)))
+    return dict(zip(names, table.T, strict=True))
 
 
 def _motion_on_object(columns: Mapping[str, FloatArray], active: BoolArray) -> FloatArray:
@@ -320,11 +325,10 @@ def measure(run: SimulatedRun, names: Sequence[str]) -> dict[str, Any]:
     """
     values: dict[str, Any] = {}
     for group in MEASURE_GROUPS:
-        if any(name in group.labels for name in names):
+        if group is GRASP or any(name in group.labels for name in names):  # GRASP has `REASONS`.
             values |= group.compute(run)
     if run.outcome is not None:
         names = [*REASONS, *names]
-        values |= _grasp(run)
     found = {name: values.get(name) for name in names}
     return {name: np.nan if value is None else _plain(value) for name, value in found.items()}
 

@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, LeafSystem
 
-from drake_pregrasp.errors import ScenarioError
+from drake_pregrasp.errors import MissingPackageError, ScenarioError
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.run import LoggedRun
-from drake_pregrasp.simulation.scenario_file import load_resolved
+from drake_pregrasp.simulation.scenario_file import load_scenario, resolve
 from drake_pregrasp.simulation.simulation_diagram import make_simulator
 from drake_pregrasp.studies.bench.tick_times import implementations, kernels_of, tick_columns
 
@@ -111,13 +111,13 @@ def time_run(job: RunJob) -> list[dict[str, Any]]:
     installed, the only row says so.
     """
     try:
-        resolved = load_resolved(job.scenario, text=job.text)
+        scenario = load_scenario(job.scenario, text=job.text)
+        scenario.planner.static_duration = 0.0  # Contacts adapt from the start.
+        resolved = resolve(scenario)
     except ScenarioError as error:
-        if "pip install" not in error.problem:  # So a missing extra is named.
+        if not _lacks_package(error):
             raise
         return [{"run": job.name, "not run": error.problem}]
-    resolved.planner.static_duration = 0.0  # Contacts adapt from the start.
-    scenario = resolved.scenario
     period = scenario.planner.period
     ticks = min(job.ticks, int(scenario.simulation_duration / period))
     counts = np.arange(ticks) % _TURN >= _WARM_UP
@@ -141,6 +141,13 @@ def time_run(job: RunJob) -> list[dict[str, Any]]:
         }
         for name, run in runs.items()
     ]
+
+
+def _lacks_package(error: BaseException | None) -> bool:
+    """Returns whether a package of an extra is missing, as an error or a cause of it says."""
+    while error is not None and not isinstance(error, MissingPackageError):
+        error = error.__cause__
+    return error is not None
 
 
 def time_starts(processes: int, *, compiling: bool) -> list[dict[str, Any]]:
