@@ -14,6 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.live.live_page import serve_live_run
+from drake_pregrasp.quality.grasp_quality import QUALITY_MEASURES
 from drake_pregrasp.simulation.output import INTERRUPTED_STATUS, handling
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.run import RunResult, run, write_graphviz
@@ -21,7 +22,6 @@ from drake_pregrasp.simulation.scenario_file import load_resolved, only_name
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
 from drake_pregrasp.systems.loggers import TickRecord
-from drake_pregrasp.visualization.run_timeline import MEASURES
 
 OUT = "runs"
 """Default folder of run folders."""
@@ -123,9 +123,9 @@ def _measures_in_words(summary: Mapping[str, Any]) -> Iterator[str]:
         yield f"tracking    the object {words}: measures are of goals on an estimate in doubt"
     for title, values in (("static", static), ("best after", best)):
         if values["q_msv"] is not None:
-            shown = "   ".join(f"{m.upper()} {values[m]:.4f}" for m in MEASURES)
+            shown = "   ".join(f"{m.upper()} {values[m]:.4f}" for m in QUALITY_MEASURES)
             yield f"{title:12}{shown}"
-    for name in MEASURES:
+    for name in QUALITY_MEASURES:
         if None not in (static[name], best[name]) and best[name] < (1 - _NOISE) * static[name]:
             yield f"worse       best {name.upper()} is {static[name] - best[name]:.2g} below static"
 

@@ -9,10 +9,10 @@ from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.force_closure import LargestMinimum, min_weight_margin
-from drake_pregrasp.quality.grasp_quality import grasp_quality
+from drake_pregrasp.quality.grasp_quality import QUALITY_MEASURES, grasp_quality
 from drake_pregrasp.regions.independent_regions import SlipRadii, slip_radii_within
 
-GUARDS = ("q_msv", "q_gii", "q_vew", "margin")
+GUARDS = (*QUALITY_MEASURES, "margin")
 """Measures that can be guarded: those of the complete grasp matrix, and the margin."""
 
 _ACCURACY = 1e-9  # Of measures: where they are equal, rounding decides nothing.

@@ -215,7 +215,7 @@ def AddHandController(
         hand, surface, planner, config, mass=mass, X_WO=X_WO, p_OC=p_OC, fixed=fixed
     )
     instances = HandInstances(plant, robot)
-    for key, problem in start_grasp.grasp_problems(
+    for key, problem in start_grasp.settings_problems(
         config, planner, hand, mass=mass, time_step=plant.time_step()
     ):
         raise InvalidArgumentError(f"{key}: {problem}")

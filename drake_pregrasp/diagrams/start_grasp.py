@@ -251,7 +251,7 @@ def hand_planner(config: PlannerConfig, grasp: GraspConfig, hand: HandDescriptio
     return replace(config, limits=replace(limits, **given))
 
 
-def grasp_problems(
+def settings_problems(
     config: GraspConfig,
     planner: PlannerConfig,
     hand: HandDescription,

@@ -22,6 +22,9 @@ _COLUMNS = {
 NEED_NORMALS = ("soft_finger", "frictionless")
 """Contact models whose measures depend on the normals at the contacts."""
 
+QUALITY_MEASURES = ("q_msv", "q_gii", "q_vew")
+"""Measures of the paper's Table II, by their names in `GraspQuality`."""
+
 _WRENCH_SIZE = 6
 _RANK_TOLERANCE = 1e-9
 _I = np.eye(3)
@@ -124,9 +127,6 @@ def contact_axes(nhat: FloatArray) -> FloatArray:
     t = np.cross(nhat, helper)
     t /= np.linalg.norm(t, axis=-1, keepdims=True)
     return np.stack([-nhat, t, np.cross(-nhat, t)], axis=-1)
-
-
-# Row k holds [e_k]x, row-major.
 
 
 @dataclass(frozen=True)

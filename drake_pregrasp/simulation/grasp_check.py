@@ -57,7 +57,7 @@ def grasp_problems(
             "must be false with a hand, whose joints the controller would see a time step late"
         )
         yield "plant_config.use_sampled_output_ports", f"true {problem}"
-    yield from start_grasp.grasp_problems(
+    yield from start_grasp.settings_problems(
         grasp, scenario.planner, hand, mass=scenario.object.mass, time_step=plant.time_step
     )
 

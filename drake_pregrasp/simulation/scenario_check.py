@@ -308,11 +308,6 @@ def limit_problems(
         count: Number of contacts.
         surface: Surface of the object.
     """
-    yield from _limits_problems(limits, count, surface)
-    yield from _reach_problems(scenario, limits, surface)
-
-
-def _limits_problems(limits: LimitsConfig, num_contacts: int, surface: ObjectSurface) -> Problems:
     key, radii = "planner.limits", limits.tip_radii
     longest, extent = float(np.linalg.norm(surface.mesh.extents)), np.max(surface.mesh.extents)
     for index, reach in enumerate(limits.reach):
@@ -323,8 +318,8 @@ def _limits_problems(limits: LimitsConfig, num_contacts: int, surface: ObjectSur
             yield f"{key}.{name}", f"{value} needs tip_radii, the radii of the fingertips"
     for index, pair in enumerate(limits.pairs):
         pair_key, first, second = f"{key}.pairs[{index}]", pair.first, pair.second
-        if (contact := max(first, second)) >= num_contacts:
-            yield pair_key, f"there is no contact {contact}; there are 0 to {num_contacts - 1}"
+        if (contact := max(first, second)) >= count:
+            yield pair_key, f"there is no contact {contact}; there are 0 to {count - 1}"
         if first == second:
             yield pair_key, f"contact {first} cannot follow itself"
         yield from _size_problems(f"{pair_key}.distance", pair.distance, longest)
@@ -341,6 +336,7 @@ def _limits_problems(limits: LimitsConfig, num_contacts: int, surface: ObjectSur
     # Fingertips need room, if not on the allowed surface itself, then over its convex hull.
     hint = "; radii are in metres"
     yield from _size_problems(f"{key}.tip_radii", max(radii, default=0.0), extent, hint)
+    yield from _reach_problems(scenario, limits, surface)
 
 
 def _reach_problems(scenario: Scenario, limits: LimitsConfig, surface: ObjectSurface) -> Problems:

@@ -24,7 +24,12 @@ from drake_pregrasp.grasping.catch_limits import describe_catch_limit
 from drake_pregrasp.grasping.grasp_state import GraspPhase, describe_give_up
 from drake_pregrasp.grasping.held_criterion import GraspTicks, held_measures
 from drake_pregrasp.quality.force_closure import ferrari_canny, min_weight_margin
-from drake_pregrasp.quality.grasp_quality import GraspQuality, characteristic_length, grasp_quality
+from drake_pregrasp.quality.grasp_quality import (
+    QUALITY_MEASURES,
+    GraspQuality,
+    characteristic_length,
+    grasp_quality,
+)
 from drake_pregrasp.regions.coordinates import QUANTITIES
 from drake_pregrasp.regions.independent_regions import force_closed_share, slip_radii_within
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
@@ -36,7 +41,6 @@ from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.link_contacts import TOUCHED
 from drake_pregrasp.systems.loggers import TickRecord
 from drake_pregrasp.version import __version__
-from drake_pregrasp.visualization.run_timeline import MEASURES
 
 MARGINS = (
     "force_closure_margin",
@@ -226,8 +230,8 @@ def summarize(
       number of those that took longer than the planning period.
     """
     scenario = resolved.scenario
-    time, *values = log.read("time", *MEASURES)
-    measured = dict(zip(MEASURES, values, strict=True))
+    time, *values = log.read("time", *QUALITY_MEASURES)
+    measured = dict(zip(QUALITY_MEASURES, values, strict=True))
     seconds, end = np.array(log.tick_seconds), float(time[-1]) if len(time) else 0.0
     fate = object_fate(resolved, log)
     gone = min((at for at in fate.values() if at is not None), default=np.inf)
@@ -299,7 +303,7 @@ def _after_damage(
     if not resolved.scenario.damage:
         return {}
     quality = remaining_static_quality(resolved)
-    static = {name: getattr(quality, name) for name in MEASURES}
+    static = {name: getattr(quality, name) for name in QUALITY_MEASURES}
     best = _measures(measured, run_log.last_phase(resolved.scenario, time), np.max)
     return {"after_damage": {"static": static, "max": best}}
 
@@ -357,10 +361,12 @@ def plot_metrics(path: Path, name: str, scenario: Scenario, log: RunLog, summary
     figure = Figure(figsize=(8.0, 7.5), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(4, 1, sharex=True)
-    time, displacement, *measured = log.read("time", "displacement", *MEASURES)
+    time, displacement, *measured = log.read("time", "displacement", *QUALITY_MEASURES)
     losses = [event.at for event in scenario.damage]
     returns = [event.until for event in scenario.damage if event.until]
-    for axis, measure, color, values in zip(axes, MEASURES, _COLORS, measured, strict=False):
+    for axis, measure, color, values in zip(
+        axes, QUALITY_MEASURES, _COLORS, measured, strict=False
+    ):
         axis.plot(time, values, color=color, linewidth=1.2)
         if (static := summary["static"][measure]) is not None:
             axis.axhline(static, color="0.35", linestyle="--", linewidth=1, label="static mean")

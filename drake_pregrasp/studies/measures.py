@@ -12,6 +12,7 @@ from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE
 from drake_pregrasp.grasping.held_criterion import LARGEST_MM, PARTS
+from drake_pregrasp.quality.grasp_quality import QUALITY_MEASURES
 from drake_pregrasp.regions.constraints import OPPOSITE
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.run_log import (
@@ -59,7 +60,6 @@ class MeasureGroup(NamedTuple):
     compute: Callable[[SimulatedRun], Mapping[str, Any]]
 
 
-_QUALITIES = {"q_msv": "Q_MSV", "q_gii": "Q_GII", "q_vew": "Q_VEW"}
 _EXTREMES = ("mean", "min", "max")  # Functions of numpy.
 
 
@@ -70,10 +70,10 @@ def _planning(run: SimulatedRun) -> dict[str, Any]:
     phase = adapting_phase(scenario, time)
     values: dict[str, Any] = {"ticks": len(time)}
     if len(time):
-        values |= {f"{name}_final": columns[name][-1] for name in _QUALITIES}
+        values |= {f"{name}_final": columns[name][-1] for name in QUALITY_MEASURES}
     if not len(time[phase]):
         return values
-    for name in _QUALITIES:
+    for name in QUALITY_MEASURES:
         for kind in _EXTREMES:
             values[f"{name}_{kind}"] = getattr(np, kind)(columns[name][phase])
     active = np.stack([columns[f"c{i}_active"] for i in range(n)], axis=1) > 0
@@ -212,8 +212,8 @@ def _grasp(run: SimulatedRun) -> dict[str, Any]:
 PLANNING = MeasureGroup(
     {
         **{
-            f"{name}_{kind}": f"{label}, {kind}"
-            for name, label in _QUALITIES.items()
+            f"{name}_{kind}": f"{name.upper()}, {kind}"
+            for name in QUALITY_MEASURES
             for kind in (*_EXTREMES, "final")
         },
         "motion_on_object": "motion over the object [mm/s]",
@@ -306,7 +306,7 @@ PLANNED_CONTACTS = frozenset(
 """Measures of the planner's contacts, which a hand with another source of goals does not follow."""
 
 DEFAULT_MEASURES = (
-    *(f"{q}_{kind}" for q in _QUALITIES for kind in ("mean", "final")),
+    *(f"{q}_{kind}" for q in QUALITY_MEASURES for kind in ("mean", "final")),
     *("motion_on_object", "displacement", "position_error_mean", "position_error_max"),
     *("active_share", "ticks"),
 )

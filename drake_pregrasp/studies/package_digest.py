@@ -55,7 +55,7 @@ def package_digest(*modules: str) -> dict[str, str]:
     }
 
 
-def different(theirs: Mapping[str, Any], ours: Mapping[str, Any]) -> list[str]:
+def differing_names(theirs: Mapping[str, Any], ours: Mapping[str, Any]) -> list[str]:
     """Returns the names, in their order, whose values differ or that only one mapping has."""
     return [name for name in sorted({*theirs, *ours}) if theirs.get(name) != ours.get(name)]
 
@@ -63,5 +63,6 @@ def different(theirs: Mapping[str, Any], ours: Mapping[str, Any]) -> list[str]:
 def differences(theirs: Any, ours: Mapping[str, str]) -> str:
     """Describes the differences of two package digests; empty if they are equal."""
     return ", ".join(
-        f"{name} {theirs.get(name)} instead of {ours.get(name)}" for name in different(theirs, ours)
+        f"{name} {theirs.get(name)} instead of {ours.get(name)}"
+        for name in differing_names(theirs, ours)
     )

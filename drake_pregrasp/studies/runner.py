@@ -20,7 +20,7 @@ from drake_pregrasp.simulation.output import (
     write_text,
     writing,
 )
-from drake_pregrasp.studies.package_digest import different, package_digest
+from drake_pregrasp.studies.package_digest import differing_names, package_digest
 from drake_pregrasp.studies.workers import Failure, call_for_all
 
 ROWS = "rows.csv"
@@ -222,7 +222,7 @@ def _check_settings(path: Path, settings: Mapping[str, Any]) -> None:
     try:
         both = dict(json.loads(text)), ours
         by_path = (pd.json_normalize(settings).iloc[0].to_dict() for settings in both)
-        names = ", ".join(different(*by_path))
+        names = ", ".join(differing_names(*by_path))
     except (ValueError, TypeError) as error:
         raise OutputError(f"{path}: has no settings of a study; {_ANOTHER}") from error
     if names:

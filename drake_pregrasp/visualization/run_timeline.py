@@ -12,12 +12,10 @@ from drake_pregrasp.contacts.selection_input import ContactStatus, describe_stat
 from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.grasping.catch_limits import describe_catch_limit
 from drake_pregrasp.grasping.grasp_state import GraspPhase, describe_give_up
+from drake_pregrasp.quality.grasp_quality import QUALITY_MEASURES
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
 from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
 from drake_pregrasp.visualization.drawing import contact_color, hex_color
-
-MEASURES = ("q_msv", "q_gii", "q_vew")
-"""Measures of the paper's Table II, by their columns in `log.csv`."""
 
 _PICTURES = 6000  # Largest number of pictures that are kept: those of a camera over ten minutes.
 
@@ -98,7 +96,7 @@ class RunTimeline:
         self._set("object", _TRACKING[status], is_event=was_tracked)
         self._was_tracked |= status == TrackingStatus.TRACKING
         view = GraspQualityView(record.grasp_quality)
-        for name in MEASURES:
+        for name in QUALITY_MEASURES:
             value = getattr(view, name)
             self._set(name, f"{value:.4f}" if np.isfinite(value) else "none")
         for contact, (kind, cause) in enumerate(

@@ -9,11 +9,10 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.centroids import position_tracking, select_contacts
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.quality.grasp_quality import grasp_quality
+from drake_pregrasp.quality.grasp_quality import QUALITY_MEASURES, grasp_quality
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.studies.paper.paper_cases import SCENARIOS, SPACINGS, TABLE_2, TABLE_3
-from drake_pregrasp.visualization.run_timeline import MEASURES
 
 STRATEGY_CASES = {"gii": "i", "msv": "h", "vew": "j", "position": "a"}
 """Case of each strategy, from the most to the least active in the paper's ranking."""
@@ -50,18 +49,18 @@ def judge_claims(runs: pd.DataFrame, costs: pd.DataFrame) -> pd.DataFrame:
 
 def _medians(runs: pd.DataFrame, kind: str) -> pd.DataFrame:
     """Returns medians over the seeds of one kind of values, such as `best`; a row per case."""
-    medians = runs.groupby("case")[[f"{kind} {name}" for name in MEASURES]].median()
-    return medians.set_axis(list(MEASURES), axis=1)
+    medians = runs.groupby("case")[[f"{kind} {name}" for name in QUALITY_MEASURES]].median()
+    return medians.set_axis(list(QUALITY_MEASURES), axis=1)
 
 
 def _published(cases: str, kind: str = "dynamic") -> pd.DataFrame:
     rows = {case: getattr((TABLE_2 | TABLE_3)[case], kind) for case in cases}
-    return pd.DataFrame.from_dict(rows, orient="index", columns=list(MEASURES), dtype=float)
+    return pd.DataFrame.from_dict(rows, orient="index", columns=list(QUALITY_MEASURES), dtype=float)
 
 
 def _three(values: "pd.Series[float]", unit: str = "") -> str:
     """Formats the three measures as text."""
-    return ", ".join(f"{name.upper()} {values[name]:.4f}{unit}" for name in MEASURES)
+    return ", ".join(f"{name.upper()} {values[name]:.4f}{unit}" for name in QUALITY_MEASURES)
 
 
 def dynamic_beats_static(runs: pd.DataFrame) -> Verdict:

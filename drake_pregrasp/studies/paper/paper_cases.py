@@ -11,14 +11,13 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.quality.grasp_quality import grasp_quality
+from drake_pregrasp.quality.grasp_quality import QUALITY_MEASURES, grasp_quality
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.run import run
 from drake_pregrasp.simulation.run_log import last_phase, static_phase, ticks_from
 from drake_pregrasp.simulation.scenario_file import load_resolved, load_scenario
 from drake_pregrasp.simulation.summary import remaining_static_quality
 from drake_pregrasp.studies.runner import OnProgress, run_jobs
-from drake_pregrasp.visualization.run_timeline import MEASURES
 
 TRAVEL_TIME = 1.5
 """Time in seconds within which contacts reach a fixed point or a limit cycle."""
@@ -186,7 +185,7 @@ def run_values(log: CaseLog) -> dict[str, float]:
     if log.scenario.damage:
         quality = remaining_static_quality(log.resolved)
     values: dict[str, float] = {}
-    for name in MEASURES:
+    for name in QUALITY_MEASURES:
         column = log.table[name].to_numpy()
         best = int(np.argmax(column[log.last_phase])) + log.last_phase.start
         static = np.mean(column[log.static]) if quality is None else getattr(quality, name)
@@ -226,4 +225,6 @@ def random_quality(resolved: ResolvedScenario) -> dict[str, float]:
         for _ in range(RANDOM_SETS)
     ]
     qualities = [grasp_quality(p_CoMC) for p_CoMC in sets]
-    return {name: float(np.median([getattr(q, name) for q in qualities])) for name in MEASURES}
+    return {
+        name: float(np.median([getattr(q, name) for q in qualities])) for name in QUALITY_MEASURES
+    }

@@ -10,6 +10,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from drake_pregrasp.errors import ScenarioError
+from drake_pregrasp.quality.grasp_quality import QUALITY_MEASURES
 from drake_pregrasp.simulation.output import make_folder, write_text, writing
 from drake_pregrasp.simulation.scenario_file import load_resolved
 from drake_pregrasp.studies.command_options import add_report_command, names
@@ -26,7 +27,6 @@ from drake_pregrasp.studies.report_page import (
     write_report,
 )
 from drake_pregrasp.studies.runner import OnProgress
-from drake_pregrasp.visualization.run_timeline import MEASURES
 
 SEEDS = tuple(range(10))
 """Default seeds of each case."""
@@ -172,7 +172,7 @@ def paper_table(
     rows = [(row, table[case]) for case in table for row in (case, LITERAL.get(case)) if row]
     for row, published in rows:
         own = runs[runs["case"] == row]
-        for k, measure in enumerate(MEASURES if len(own) else ()):
+        for k, measure in enumerate(QUALITY_MEASURES if len(own) else ()):
             static, best, at, settled, later = (
                 own[f"{kind} {measure}"] for kind in ("static", "best", "at", "settled", "later")
             )
