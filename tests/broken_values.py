@@ -14,7 +14,8 @@ NO_POSES = (
     RigidTransform(RotationMatrix.MakeUnchecked(np.full((3, 3), np.nan)), np.zeros(3)),
     RigidTransform(RotationMatrix.MakeUnchecked(1.1 * np.eye(3)), np.zeros(3)),
 )
-BAD_NUMBERS = (np.nan, np.inf, -np.inf, 1e300, -1e300)
+NOT_FINITE = (np.nan, np.inf, -np.inf)
+BAD_NUMBERS = (*NOT_FINITE, 1e300, -1e300)
 
 
 def spoiled_wall(number):

@@ -93,6 +93,10 @@ def base_log(base_run: RunResult) -> dict[str, np.ndarray]:
     return read_log(base_run.folder / "log.csv")
 
 
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
 def read_log(path: Path) -> dict[str, np.ndarray]:
     table = np.genfromtxt(path, delimiter=",", names=True)
     return {name: table[name] for name in table.dtype.names}

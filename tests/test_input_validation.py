@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from broken_values import BAD_NUMBERS
 from hypothesis import given
 from hypothesis import strategies as st
 from pydrake.math import RigidTransform
@@ -11,9 +12,7 @@ from drake_pregrasp import arrays
 from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.systems.ports import is_valid
 
-ANY_NUMBER = st.one_of(
-    st.floats(), st.floats(-1.0, 1.0), st.sampled_from([np.nan, np.inf, -np.inf, 1e300, -1e300])
-)
+ANY_NUMBER = st.one_of(st.floats(), st.floats(-1.0, 1.0), st.sampled_from(BAD_NUMBERS))
 SYMMETRIC = st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6)
 SCALES = st.sampled_from([1e-12, 1e-6, 1e-3, 1.0, 1e3, 1e12])
 SPREADS = st.sampled_from([1e-3, 0.04, 1.0])
@@ -78,7 +77,7 @@ def test_a_nan_covariance_leaves_only_the_spread():
     np.testing.assert_allclose(arrays.validated_covariance(unknown, R, 0.04), 0.04**2 * np.eye(3))
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300, 2 * arrays.FARTHEST])
+@pytest.mark.parametrize("bad", [*BAD_NUMBERS, 2 * arrays.FARTHEST])
 @pytest.mark.parametrize("index", range(3))
 def test_invalid_poses_are_recognized(bad, index):
     p = np.array([0.1, -0.2, 0.3])

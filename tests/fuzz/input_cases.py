@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from broken_values import broken_values
+from broken_values import BAD_NUMBERS, broken_values
 from input_variants import VARIANTS, make_variant
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw
@@ -15,7 +15,7 @@ from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.geometry.surface import ForbiddenPoints
 from drake_pregrasp.regions.constraints import Obstacles
 
-EXTREME = (float("nan"), 1e300, -1e300, 1e6, -1e6, 1e-300, 0.0)
+EXTREME = (*BAD_NUMBERS, 1e6, -1e6, 1e-300, 0.0)
 """Numbers of a status or a switch that break programs that expect others."""
 
 BROKEN = 0.25  # Share of values that are broken.

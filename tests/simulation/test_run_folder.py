@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import contents
 
 from drake_pregrasp import OutputError, load_scenario, run
 from drake_pregrasp.cli import main
@@ -20,10 +21,6 @@ from drake_pregrasp.simulation.run_log import CsvLog
 SHORT = "{simulation_duration: 0.2}"
 OTHER = "{simulation_duration: 0.2, random_seed: 1}"
 COMMAND = ["run", "a_base", "--no-recording", "--scenario_text"]
-
-
-def contents(folder):
-    return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
 def short_run(out, text=SHORT, **options):

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from conftest import contents
 from made_up_jobs import JOBS, Deadly, constant_row, row, write_study
 
 from drake_pregrasp.cli import main
@@ -24,15 +25,11 @@ dask = pytest.importorskip("dask")
 QUIET = {"dashboard_address": None, "silence_logs": 50}
 
 
-def files(folder):
-    return {path.name: path.read_bytes() for path in folder.iterdir()}
-
-
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole")
     run_jobs(constant_row, JOBS, folder=folder, settings={"a": {"b": 1}}, processes=1)
-    return files(folder)
+    return contents(folder)
 
 
 @pytest.fixture
@@ -59,7 +56,7 @@ def test_a_journal_cut_anywhere_is_completed_to_the_same_bytes(again, whole):
         found, folder = again(
             cut=cut, jobs=JOBS[::-1], on_progress=lambda *step, to=steps: to.append(step)
         )
-        assert files(folder) == whole
+        assert contents(folder) == whole
         missing = 8 - journal[:cut].count(b"\n")
         assert steps == [(done, missing) for done in range(missing + 1)]
         assert (found.wanted, found.made, len(found.failed)) == (8, 8, 0)
@@ -82,7 +79,7 @@ def test_a_failed_job_is_noted_stops_no_other_and_runs_again(again, whole, monke
     assert len(run_jobs(constant_row, JOBS[:1], **options).failed) == 1
     monkeypatch.delenv("FAIL")
     run_jobs(constant_row, JOBS, **options)
-    assert files(folder) == whole
+    assert contents(folder) == whole
 
 
 @pytest.mark.slow
@@ -197,7 +194,7 @@ on_dask = pytest.mark.filterwarnings("ignore")
 @on_dask
 def test_a_cluster_makes_the_same_bytes_and_goes_on(again, whole, cluster):
     _, folder = again(cut=len(whole[JOURNAL]) // 2, scheduler=cluster.scheduler_address)
-    assert files(folder) == whole
+    assert contents(folder) == whole
 
 
 @pytest.mark.slow

@@ -29,6 +29,13 @@ PERIOD, CONTROL_PERIOD = 0.05, 0.02
 SETTINGS = dp.GraspConfig().make_settings()
 X_WO = RigidTransform(RollPitchYaw(0.2, -0.4, 1.0), [0.5, -0.3, 0.2])
 CUBE = dp.BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1))
+Q = HAND.home(np.array([0.1, -0.05, 0.05]), 0.4) + 0.05 * np.sin(np.arange(NQ))
+FORCES = np.random.default_rng(1).normal(size=(N, 3))
+
+
+def joint_torques(forces):
+    """J^T f of the hand at Q."""
+    return np.einsum("nij,ni->j", HAND.kinematics.pose(Q).J_WT, forces)
 
 
 def planner_config(limits=None, **changes):

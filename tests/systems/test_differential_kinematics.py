@@ -7,11 +7,14 @@ from driven import Driven
 from made_systems import (
     CONTROL_PERIOD,
     CUBE,
+    FORCES,
     HAND,
     NQ,
     N,
+    Q,
     grasp_command,
     hand_goals,
+    joint_torques,
     make_kinematics,
 )
 from pydrake.geometry import (
@@ -359,15 +362,6 @@ class ArmOfAxes:
         self.yaw = yaw
         turn = RigidTransform(RotationMatrix.MakeZRotation(yaw), np.zeros(3))
         return RigidTransform(p_WL) @ turn @ self.X_LP
-
-
-Q = HAND.home(np.array([0.1, -0.05, 0.05]), 0.4) + 0.05 * np.sin(np.arange(NQ))
-FORCES = np.random.default_rng(1).normal(size=(N, 3))
-
-
-def joint_torques(forces):
-    """J^T f at Q."""
-    return np.einsum("nij,ni->j", HAND.kinematics.pose(Q).J_WT, forces)
 
 
 def resting_hand(**commanded):

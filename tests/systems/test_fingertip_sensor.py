@@ -5,21 +5,13 @@ import itertools
 import numpy as np
 import pytest
 from driven import Driven
-from made_systems import HAND, NQ, N
+from made_systems import FORCES, HAND, NQ, N, Q, joint_torques
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
 from drake_pregrasp import HandModel, InvalidArgumentError, load_hand
 from drake_pregrasp.systems.fingertip_sensor import FingertipSensor
 from drake_pregrasp.systems.hand_kinematics import HandKinematics
-
-Q = HAND.home(np.array([0.1, -0.05, 0.05]), 0.4) + 0.05 * np.sin(np.arange(NQ))
-FORCES = np.random.default_rng(1).normal(size=(N, 3))
-
-
-def joint_torques(forces):
-    """J^T f at Q."""
-    return np.einsum("nij,ni->j", HAND.kinematics.pose(Q).J_WT, forces)
 
 
 def test_a_sensor_feels_what_fingers_press_with():
