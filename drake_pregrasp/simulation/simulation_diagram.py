@@ -312,8 +312,8 @@ def _add_sensor(
     if isinstance(camera := resolved.scenario.sensor, Camera):
         inspector = plant.scene_graph.model_inspector()
         frame = plant.plant.GetBodyFrameIdOrThrow(plant.plant.GetBodyByName("object").index())
-        p_WCamera, mesh = np.array(camera.position), resolved.surface.mesh
-        visible = VisibleShare(p_WCamera, mesh, inspector, frame)
+        p_WK, mesh = np.array(camera.position), resolved.surface.mesh
+        visible = VisibleShare(p_WK, mesh, inspector, frame)
         builder.AddNamedSystem("visible_share", visible)
         connect(builder, plant, "X_WO query_object", visible)
         connect(builder, visible, "visible_share", sensor)

@@ -34,7 +34,7 @@ class VisibleShare(LeafSystem):
     balls, or the oriented bounding boxes of other geometries, with the perception role.
 
     Args:
-        p_WCamera: Position of the camera in W, shape (3,), in metres.
+        p_WK: Position of the camera K in W, shape (3,), in metres.
         mesh: Surface of the object in O.
         inspector: Inspector of the SceneGraph, with all its geometries.
         frame: Frame of the object in the SceneGraph.
@@ -42,13 +42,13 @@ class VisibleShare(LeafSystem):
 
     def __init__(
         self,
-        p_WCamera: FloatArray,
+        p_WK: FloatArray,
         mesh: trimesh.Trimesh,
         inspector: SceneGraphInspector,
         frame: FrameId,
     ) -> None:
         super().__init__()
-        self._p_WCamera = np.asarray(p_WCamera)
+        self._p_WK = np.asarray(p_WK)
         self._p_OQ, faces = trimesh.sample.sample_surface(mesh, _POINTS, seed=0)
         self._normals = mesh.face_normals[faces]
         self._ids, shapes = [], []
@@ -71,20 +71,20 @@ class VisibleShare(LeafSystem):
         X_WO, query = self._X_WO.Eval(context), self._query.Eval(context)
         R_WO = X_WO.rotation().matrix()
         p_WQ = self._p_OQ @ R_WO.T + X_WO.translation()
-        facing = np.einsum("ki,ki->k", self._p_WCamera - p_WQ, self._normals @ R_WO.T) > 0
+        facing = np.einsum("ki,ki->k", self._p_WK - p_WQ, self._normals @ R_WO.T) > 0
         if not facing.any():
             return 0.0
         poses = zip(self._ids, self._X_GB, strict=True)
         X_WB = np.array([(query.GetPoseInWorld(id) @ X).GetAsMatrix34() for id, X in poses])
         near = self._near(X_WB.reshape(-1, 3, 4), X_WO.translation())
         boxes = X_WB.reshape(-1, 3, 4)[near], self._half[near], self._is_ball[near]
-        hidden = is_hidden(self._p_WCamera, p_WQ[facing], *boxes)
+        hidden = is_hidden(self._p_WK, p_WQ[facing], *boxes)
         return float(np.mean(~hidden))
 
     def _near(self, X_WB: FloatArray, p_WO: FloatArray) -> BoolArray:
         """Returns which boxes may be between the camera and the object, by balls around them."""
-        way = p_WO - self._p_WCamera
-        share = (X_WB[:, :, 3] - self._p_WCamera) @ way / max(float(way @ way), 1e-12)
-        nearest = self._p_WCamera + np.clip(share, 0.0, 1.0)[:, None] * way
+        way = p_WO - self._p_WK
+        share = (X_WB[:, :, 3] - self._p_WK) @ way / max(float(way @ way), 1e-12)
+        nearest = self._p_WK + np.clip(share, 0.0, 1.0)[:, None] * way
         reach = np.linalg.norm(self._half, axis=1) + self._radius
         return np.asarray(np.linalg.norm(X_WB[:, :, 3] - nearest, axis=1) <= reach)
