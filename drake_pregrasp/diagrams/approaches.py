@@ -8,10 +8,12 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import ABOVE, SIDE, GraspConfig
+from drake_pregrasp.config.hand_description import Arm
 from drake_pregrasp.contacts.hand_over_object import StartContacts
-from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.diagrams.hand_model import HandModel, made_hand
 from drake_pregrasp.errors import InvalidArgumentError, Lack, NoGraspError
 from drake_pregrasp.geometry.solids import HalfSpace, Solid
+from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.clearances import LINK_CLEARANCE
 from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 
@@ -20,29 +22,70 @@ _YAWS = np.linspace(-np.pi, np.pi, 73)
 _SIDES = np.pi / 2 * np.arange(4)  # Azimuths from which palms come from the side, in radians.
 
 
-def candidate_approaches(
+def approaching_hands(
+    upright: HandModel,
+    config: GraspConfig,
+    surface: ObjectSurface,
+    X_WO: RigidTransform,
+    *,
+    fixed: Sequence[Solid],
+    X_WB: RigidTransform | None = None,
+    incoming: FloatArray | None = None,
+) -> list[HandModel]:
+    """Returns models of a hand with the approaches to choose from, over the top of an object.
+
+    Approaches from the side are along x and y of an upright object. A palm from the side that waits
+    for an object faces it, along x or y of W.
+
+    Args:
+        upright: Model of the hand, from above, and not over an object.
+        config: Configuration of the grasp.
+        surface: Surface of the object.
+        X_WO: Initial pose of the object.
+        fixed: Solids in W that fingertips avoid, such as the table.
+        X_WB: Pose of the base; None: as for `HandModel`.
+        incoming: Displacement of an object to where the palm waits for it, in W, shape (3,), in
+            metres; None for a palm that does not wait.
+
+    Raises:
+        InvalidArgumentError: If the hand does not match its model with an approach, or its carrier
+            has the orientation of none.
+    """
+    R_WO, is_arm = X_WO.rotation().matrix(), isinstance(upright.description.base, Arm)
+
+    def model(X_LA: RigidTransform, X_WB: RigidTransform | None) -> HandModel:
+        up = X_LA.rotation().matrix()[:, 2] @ R_WO
+        top = float(np.max((surface.mesh.vertices - surface.p_OCoM) @ up))
+        raised = upright.description.over_object(top)
+        return made_hand(raised, config.yaw_range, X_LA, X_WB, upright.model)
+
+    found = {ABOVE: [FROM_ABOVE]}
+    if SIDE in config.approaches:
+        above = model(FROM_ABOVE, X_WB if is_arm else None)
+        p_WCoM = X_WO @ surface.p_OCoM - [0.0, 0.0, table_height(fixed)]
+        found[SIDE] = _from_the_side(config, above, X_WO, float(p_WCoM[2]), incoming)
+    hands = [
+        model(X_LA, X_WB)
+        for kind in config.approaches
+        for X_LA in found[kind]
+        if X_WB is None or is_arm or _is_turned_so(X_WB, X_LA)
+    ]
+    if not hands:
+        words = (
+            f"grasp.approaches: the carrier in the plant is turned for none of {config.approaches}"
+        )
+        raise InvalidArgumentError(f"{words}; pass X_WB to add_hand_model")
+    return hands
+
+
+def _from_the_side(
     config: GraspConfig,
     hand: HandModel,
     X_WO: RigidTransform,
-    p_OCoM: FloatArray,
-    table: float = 0.0,
-    incoming: FloatArray | None = None,
+    z_CoM: float,
+    incoming: FloatArray | None,
 ) -> list[RigidTransform]:
-    """Returns the approaches X_LA to choose from (see `HandModel`).
-
-    Those from the side are along x and y of an upright object. A palm from the side that waits for
-    an object faces it, along x or y of W.
-
-    Args:
-        config: Configuration of the grasp.
-        hand: Model of the hand, from above.
-        X_WO: Initial pose of the object.
-        p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
-        table: Height of the table in W, in metres.
-        incoming: Displacement of an object to where the palm waits for it, in W, shape (3,), in
-            metres; None for a palm that does not wait.
-    """
-    z_CoM = (X_WO @ p_OCoM)[2] - table
+    """Returns the approaches X_LA from the side to a centre of mass at a height over the table."""
     height = config.side_height or max(z_CoM, least_side_height(hand))
     p_LA = [0.0, 0.0, height - z_CoM]
     yaw, level = RollPitchYaw(X_WO.rotation()).yaw_angle(), RotationMatrix.MakeYRotation(np.pi / 2)
@@ -51,8 +94,12 @@ def candidate_approaches(
         nearest = np.argmax(np.cos(_SIDES) * incoming[0] + np.sin(_SIDES) * incoming[1])
         azimuths = _SIDES[[nearest]]
     turns = [RotationMatrix.MakeZRotation(azimuth) for azimuth in azimuths]
-    found = {ABOVE: [FROM_ABOVE], SIDE: [RigidTransform(turn @ level, p_LA) for turn in turns]}
-    return [X_LA for kind in config.approaches for X_LA in found[kind]]
+    return [RigidTransform(turn @ level, p_LA) for turn in turns]
+
+
+def _is_turned_so(X_WB: RigidTransform, X_LA: RigidTransform) -> bool:
+    R_BA = X_WB.rotation().InvertAndCompose(X_LA.rotation())
+    return bool(R_BA.IsNearlyIdentity(1e-6))
 
 
 def table_height(fixed: Sequence[Solid]) -> float:

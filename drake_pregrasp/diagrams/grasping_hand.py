@@ -13,15 +13,10 @@ from pydrake.systems.framework import DiagramBuilder, System
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
-from drake_pregrasp.config.hand_description import Arm, HandDescription
+from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.diagrams import start_grasp
-from drake_pregrasp.diagrams.approaches import (
-    Approach,
-    best_approach,
-    candidate_approaches,
-    table_height,
-)
+from drake_pregrasp.diagrams.approaches import Approach, approaching_hands
 from drake_pregrasp.diagrams.feasibility import check_torques
 from drake_pregrasp.diagrams.hand_arguments import check_grasp_arguments, check_plant
 from drake_pregrasp.diagrams.hand_controller import HandController
@@ -30,7 +25,7 @@ from drake_pregrasp.diagrams.hand_instances import (
     hand_ports,
     set_default_positions,
 )
-from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.diagrams.hand_model import HandModel, made_hand
 from drake_pregrasp.diagrams.hand_parsing import read_model
 from drake_pregrasp.diagrams.object_contact import (
     contact_problems,
@@ -221,13 +216,13 @@ def AddHandController(
         raise InvalidArgumentError(f"{key}: {problem}")
     solid = object_solid or MeshSolid.of(surface.mesh)
     # Whoever added the robot to the plant has seen warnings about its model.
-    upright = HandModel(hand, config.yaw_range, model=read_model(hand.model))
+    upright = made_hand(hand, config.yaw_range, model=read_model(hand.model))
     X_WB = base_pose(upright, instances)
-    model, start = _best_approach(
-        upright, surface, planner, config, solid, mass, fixed, p_OC, X_WO=X_WO, X_WB=X_WB
+    hands = approaching_hands(upright, config, surface, X_WO, fixed=fixed, X_WB=X_WB)
+    model, start = start_grasp.best_start(
+        hands, config, planner, surface, solid=solid, mass=mass, X_WO=X_WO, fixed=fixed, p_OC=p_OC
     )
     planner = start_grasp.hand_planner(planner, config, model.description)
-    start_grasp.check_room(model.description, start.has_contact)
     check_torques(model, config, surface, start, X_WO, mass)
     away = [(0.0, np.flatnonzero(~start.has_contact).tolist())]
     added = add_grasping_hand(
@@ -332,54 +327,8 @@ def choose_approach(
     check_grasp_arguments(
         hand, surface, planner, config, mass=mass, X_WO=X_WO, p_OC=p_OC, fixed=fixed
     )
-    upright, solid = HandModel(hand, config.yaw_range), object_solid or MeshSolid.of(surface.mesh)
-    return _best_approach(
-        upright, surface, planner, config, solid, mass, fixed, p_OC, X_WO=X_WO, X_WB=X_WB
+    upright, solid = made_hand(hand, config.yaw_range), object_solid or MeshSolid.of(surface.mesh)
+    hands = approaching_hands(upright, config, surface, X_WO, fixed=fixed, X_WB=X_WB)
+    return start_grasp.best_start(
+        hands, config, planner, surface, solid=solid, mass=mass, X_WO=X_WO, fixed=fixed, p_OC=p_OC
     )
-
-
-def _best_approach(
-    upright: HandModel,
-    surface: ObjectSurface,
-    planner: PlannerConfig,
-    config: GraspConfig,
-    solid: SignedDistance,
-    mass: float,
-    fixed: Sequence[Solid],
-    p_OC: FloatArray | None,
-    *,
-    X_WO: RigidTransform,
-    X_WB: RigidTransform | None,
-) -> Approach:
-    hand, source = upright.description, upright.model
-    R_WO, hands, table = X_WO.rotation().matrix(), [], table_height(fixed)
-    for X_LA in candidate_approaches(config, upright, X_WO, surface.p_OCoM, table):
-        up = R_WO.T @ X_LA.rotation().matrix()[:, 2]
-        top = float(np.max((surface.mesh.vertices - surface.p_OCoM) @ up))
-        if X_WB is None or isinstance(hand.base, Arm) or _is_turned_so(X_WB, X_LA):
-            raised = hand.over_object(top)
-            hands.append(HandModel(raised, config.yaw_range, X_LA, X_WB, source))
-    if not hands:
-        words = (
-            f"grasp.approaches: the carrier in the plant is turned for none of {config.approaches}"
-        )
-        raise InvalidArgumentError(f"{words}; pass X_WB to add_hand_model")
-    return best_approach(
-        hands,
-        lambda model: start_grasp.start_contacts_of(
-            model,
-            config,
-            planner,
-            surface,
-            solid=solid,
-            mass=mass,
-            X_WO=X_WO,
-            fixed=fixed,
-            p_OC=p_OC,
-        ),
-    )
-
-
-def _is_turned_so(X_WB: RigidTransform, X_LA: RigidTransform) -> bool:
-    R_BA = X_WB.rotation().InvertAndCompose(X_LA.rotation())
-    return bool(R_BA.IsNearlyIdentity(1e-6))

@@ -13,11 +13,11 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.hand_description import Carrier, Fingertip, HandDescription
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams.hand_instances import HandInstances, check_inertias
-from drake_pregrasp.diagrams.hand_parsing import add_read_model, read_model
+from drake_pregrasp.diagrams.hand_parsing import add_read_model, failures_as_errors, read_model
 from drake_pregrasp.diagrams.home_fingers import HomeFingers
 from drake_pregrasp.diagrams.model_files import CheckedModel
 from drake_pregrasp.diagrams.palm_base import PalmCarrier, check_home, make_base
-from drake_pregrasp.errors import InvalidArgumentError, ProblemCollector
+from drake_pregrasp.errors import InvalidArgumentError, ProblemCollector, first_line
 from drake_pregrasp.fast import default_kernels
 from drake_pregrasp.fast.kernels import REFERENCE, HandKernels, Kernels
 from drake_pregrasp.geometry.mesh_surface import AxisArea
@@ -300,3 +300,23 @@ def _check_home_in_reach(key: str, tip: Fingertip, p_HC: FloatArray) -> None:
         raise InvalidArgumentError(
             f"{key}: it must hold the finger's own home, where {tip.frame} is at ({place}) m in H"
         )
+
+
+def made_hand(
+    description: HandDescription,
+    yaw_range: tuple[float, float] = FREE_TURN,
+    X_LA: RigidTransform = FROM_ABOVE,
+    X_WB: RigidTransform | None = None,
+    model: CheckedModel | None = None,
+) -> HandModel:
+    """Returns the model of a hand; the arguments are those of `HandModel`.
+
+    Raises:
+        InvalidArgumentError: If the model is invalid; Drake's reason is the message.
+    """
+    try:
+        with failures_as_errors():
+            return HandModel(description, yaw_range, X_LA, X_WB, model)
+    except RuntimeError as error:
+        problem = f"model: {description.model} cannot be used: {first_line(error)}"
+        raise InvalidArgumentError(problem) from error

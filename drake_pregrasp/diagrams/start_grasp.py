@@ -17,7 +17,7 @@ from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.contacts.assignment import assign_fingers_round, make_room, palm_turn
 from drake_pregrasp.contacts.hand_over_object import HandOverObject, StartContacts
 from drake_pregrasp.contacts.start_contacts import choose_start_contacts
-from drake_pregrasp.diagrams.approaches import table_height
+from drake_pregrasp.diagrams.approaches import Approach, best_approach, table_height
 from drake_pregrasp.diagrams.feasibility import palm_problem, yaw_matrix
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import InvalidArgumentError, Lack, NoGraspError, OutOfReachError
@@ -63,8 +63,8 @@ def _start_constraints(
     return at
 
 
-def start_contacts_of(
-    hand: HandModel,
+def best_start(
+    hands: Sequence[HandModel],
     config: GraspConfig,
     planner: PlannerConfig,
     surface: ObjectSurface,
@@ -75,8 +75,8 @@ def start_contacts_of(
     fixed: Sequence[Solid],
     path: Sequence[RigidTransform] = (),
     p_OC: FloatArray | None = None,
-) -> StartContacts:
-    """Returns the fingers, the contacts and the palm's yaw with which a hand starts.
+) -> Approach:
+    """Returns the approach with the best fingers, contacts and yaw of the palm for the start.
 
     Given contacts are in the order of the fingers, beside each other, without a margin. Those whose
     fingertips overlap are replaced by others on the allowed surface. A finger for which there is
@@ -84,7 +84,7 @@ def start_contacts_of(
     whose joints get there, and then with homes nearer to the contacts, scores higher.
 
     Args:
-        hand: Model of the hand.
+        hands: Models of the hand from `approaching_hands`.
         config: Configuration of the grasp.
         planner: Configuration of the planner; limits of the hand are added.
         surface: Surface of the object.
@@ -100,14 +100,33 @@ def start_contacts_of(
         NoGraspError: If contacts are to be chosen, but there is no grasp; the message says what is
             missing.
         InvalidArgumentError: If there is not one given contact for each finger, one is out of reach
-            or on a face that is forbidden to its finger, or a palm from the side has no place
-            there.
+            or on a face that is forbidden to its finger, too few have room, or a palm from the side
+            has no place there.
     """
-    limits, poses = hand_planner(planner, config, hand.description).limits, [X_WO, *path]
-    if p_OC is not None:
-        return _given_contacts(hand, config, limits, surface, p_OC, poses, fixed)
-    forces = config.make_settings(hand.description.fingertips)
+    poses = [X_WO, *path]
 
+    def start_of(hand: HandModel) -> StartContacts:
+        limits = hand_planner(planner, config, hand.description).limits
+        if p_OC is not None:
+            return _given_contacts(hand, config, limits, surface, p_OC, poses, fixed)
+        gravity = planner.estimator.gravity
+        return _chosen_contacts(hand, config, limits, surface, solid, mass, poses, fixed, gravity)
+
+    return best_approach(hands, start_of)
+
+
+def _chosen_contacts(
+    hand: HandModel,
+    config: GraspConfig,
+    limits: LimitsConfig,
+    surface: ObjectSurface,
+    solid: SignedDistance,
+    mass: float,
+    poses: Sequence[RigidTransform],
+    fixed: Sequence[Solid],
+    gravity: float,
+) -> StartContacts:
+    X_WO, forces = poses[0], config.make_settings(hand.description.fingertips)
     R_OW, p_OCoM = X_WO.rotation().matrix().T, surface.p_OCoM
     R_OA = R_OW @ hand.X_LA.rotation().matrix()
     p_OA = p_OCoM + R_OW @ hand.X_LA.translation()
@@ -149,7 +168,7 @@ def start_contacts_of(
                 (p_OT - p_OA) @ R_OA @ yaw_matrix(yaw), largest
             ),
             link_gaps=link_gaps,
-            clearance_weight=_clearance_weight(hand, planner.estimator.gravity),
+            clearance_weight=_clearance_weight(hand, gravity),
         ),
     )
 
@@ -224,11 +243,20 @@ def _given_contacts(
     constraints = _start_constraints(hand, limits, X_WO, fixed, yaw_range, p_OCoM)(yaw)
     R_OA = R_WO.T @ X_LA.rotation().matrix()
     p_OC, has_room = make_room(surface, p_OC, constraints, up=R_OA[:, 2])
+    _check_room(hand.description, has_room)
     p_OT = p_OC + hand.tip_radii[:, None] * surface.project(p_OC)[1]
     p_AT = hand.around_axis(p_OT, R_WO, p_OCoM) @ yaw_matrix(yaw)
     reached = has_room & (hand.fingers.workspace_gaps(p_AT[:, None], 0.0)[:, 0] == 0)
     away = np.mean(np.linalg.norm(hand.p_HT - p_AT, axis=1))
     return StartContacts(p_OC, has_room, yaw, np.nan, float(np.sum(reached) - away))
+
+
+def _check_room(hand: HandDescription, has_room: BoolArray) -> None:
+    there, least = int(np.sum(has_room)), least_fingers(hand.fingertips)
+    away = [tip.frame for tip, room in zip(hand.fingertips, has_room, strict=True) if not room]
+    if away and there < least:
+        problem = f"only {there} fingers reach the object and have room, {least} are needed"
+        raise InvalidArgumentError(f"{problem}; there is no place for {', '.join(away)}")
 
 
 def hand_planner(config: PlannerConfig, grasp: GraspConfig, hand: HandDescription) -> PlannerConfig:
@@ -301,20 +329,3 @@ def check_count(hand: HandDescription, count: int) -> None:
     if (fingers := len(hand.fingertips)) != count:
         problem = f"{fingers} fingertips must be {count}, one for each contact"
         raise InvalidArgumentError(f"{problem}; without initial_contacts the hand chooses them")
-
-
-def check_room(hand: HandDescription, has_room: BoolArray) -> None:
-    """Checks that enough fingers of a hand reach the object with room beside each other.
-
-    Args:
-        hand: Description of the hand.
-        has_room: Mask of the fingers that do, shape (n,).
-
-    Raises:
-        InvalidArgumentError: If too few do; the message names the others.
-    """
-    there, least = int(np.sum(has_room)), least_fingers(hand.fingertips)
-    away = [tip.frame for tip, room in zip(hand.fingertips, has_room, strict=True) if not room]
-    if away and there < least:
-        problem = f"only {there} fingers reach it and have room, {least} are needed"
-        raise InvalidArgumentError(f"{problem}; there is no place for {', '.join(away)}")

@@ -17,12 +17,12 @@ from pydrake.planning import RobotDiagramBuilder
 from drake_pregrasp.config.hand_description import Drive, HandDescription
 from drake_pregrasp.config.yaml_text import TAG_KEY, dump_yaml
 from drake_pregrasp.diagrams.directive_files import DIRECTIVES, YAML
-from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.diagrams.hand_model import HandModel, made_hand
 from drake_pregrasp.diagrams.hand_proposal import HOME_YAWS, propose_hand, usual_place
 from drake_pregrasp.errors import InvalidArgumentError, PregraspError, problems_of
 from drake_pregrasp.grasping.finger_homes import OBJECT_RADIUS
 from drake_pregrasp.resources import resolve_path
-from drake_pregrasp.simulation.hand_file import check_model_files, hand_data, load_hand, made_hand
+from drake_pregrasp.simulation.hand_file import check_model_files, hand_data, load_hand
 from drake_pregrasp.simulation.recording import start_meshcat
 from drake_pregrasp.simulation.schema_check import is_union, mapping_problems
 from drake_pregrasp.visualization.drawing import contact_color

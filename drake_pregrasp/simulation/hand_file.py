@@ -1,4 +1,4 @@
-"""Descriptions of hands from YAML files, and their models."""
+"""Descriptions of hands from YAML files."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -11,16 +11,12 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.config.object_config import POINT, zeros
 from drake_pregrasp.config.yaml_text import parse_entries, read_text
-from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams.directive_files import checked_copy
-from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.diagrams.hand_parsing import failures_as_errors, model_path
-from drake_pregrasp.diagrams.model_files import CheckedModel
-from drake_pregrasp.errors import InvalidArgumentError, ScenarioError, first_line
+from drake_pregrasp.diagrams.hand_parsing import model_path
+from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
 from drake_pregrasp.resources import MODELS_URL, make_paths_absolute, resolve_path
 from drake_pregrasp.robots.robot_models import ROBOTS_URL
 from drake_pregrasp.simulation.schema_check import load_checked
-from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 
 
 @dataclass
@@ -124,23 +120,3 @@ def check_model_files(model: str, allowed: Sequence[Path]) -> None:
     """
     if not model.startswith((MODELS_URL, ROBOTS_URL)):
         checked_copy(model_path(model), allowed)
-
-
-def made_hand(
-    description: HandDescription,
-    yaw_range: tuple[float, float] = FREE_TURN,
-    X_LA: RigidTransform = FROM_ABOVE,
-    X_WB: RigidTransform | None = None,
-    model: CheckedModel | None = None,
-) -> HandModel:
-    """Returns the model of a hand; the arguments are those of `HandModel`.
-
-    Raises:
-        InvalidArgumentError: If the model is invalid; Drake's reason is the message.
-    """
-    try:
-        with failures_as_errors():
-            return HandModel(description, yaw_range, X_LA, X_WB, model)
-    except RuntimeError as error:
-        problem = f"model: {description.model} cannot be used: {first_line(error)}"
-        raise InvalidArgumentError(problem) from error

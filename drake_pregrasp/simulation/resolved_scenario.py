@@ -10,7 +10,6 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.finger_config import capability_at, remaining_contacts
-from drake_pregrasp.config.grasp_config import ABOVE
 from drake_pregrasp.config.hand_description import Arm, HandDescription
 from drake_pregrasp.config.object_config import (
     Box,
@@ -25,12 +24,9 @@ from drake_pregrasp.config.planner_config import MeasuresConfig, PlannerConfig
 from drake_pregrasp.contacts.assignment import assign_fingers, palm_turn, ring_contacts
 from drake_pregrasp.contacts.hand_over_object import StartContacts
 from drake_pregrasp.diagrams import feasibility, start_grasp
-from drake_pregrasp.diagrams.approaches import (
-    best_approach,
-    candidate_approaches,
-)
+from drake_pregrasp.diagrams.approaches import Approach, approaching_hands
 from drake_pregrasp.diagrams.expected_path import expected_poses, initial_pose
-from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.diagrams.hand_model import HandModel, made_hand
 from drake_pregrasp.diagrams.object_plant import TABLE
 from drake_pregrasp.errors import (
     InvalidArgumentError,
@@ -47,11 +43,10 @@ from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation import scenario_check
 from drake_pregrasp.simulation.grasp_check import grasp_problems, model_problems
-from drake_pregrasp.simulation.hand_file import HandFile, load_hand, made_hand
+from drake_pregrasp.simulation.hand_file import HandFile, load_hand
 from drake_pregrasp.simulation.obstacle_config import moving_solid
 from drake_pregrasp.simulation.scenario import TIME_STEP, Scenario
 from drake_pregrasp.simulation.sensor_check import unseen_problems
-from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 from drake_pregrasp.systems.sources import MovingSolid
 
 _TOSS_STEP = 0.001  # Longest default time step for a tossed object, in seconds.
@@ -197,8 +192,6 @@ def _resolved(scenario: Scenario, keep: ResolvedScenario | None) -> ResolvedScen
     raise_first(unseen_problems(scenario, shape))
     raise_first(scenario_check.limit_problems(scenario, planner.limits, count, surface))
     if model is not None:
-        with errors_at("object"):
-            start_grasp.check_room(model.description, start.has_contact)
         with errors_at("object.mass"):
             mass, grasp = scenario.object.mass, scenario.grasp
             feasibility.check_torques(model, grasp, surface, start, X_WO, mass)
@@ -291,56 +284,39 @@ def _hand_and_start(
     shape: Shape,
     surface: ObjectSurface,
     X_WO: RigidTransform,
-) -> tuple[HandModel, StartContacts]:
-    """Returns the hand with the approach that has the best start contacts, and these contacts."""
+) -> Approach:
     grasp, file = scenario.grasp, scenario.hand_file
-    R_WO, p_OCoM = X_WO.rotation().matrix(), shape.p_OCoM
-
     X_WB = scenario.hand.X_WB if isinstance(scenario.hand, HandFile) else None
     if X_WB is not None and not isinstance(description.base, Arm):
         problem = f"only an arm can stand elsewhere, and {file} has none"
         raise ScenarioError("", "hand.position", problem)
     with errors_at("hand.file", f"{file}: "):
         upright = made_hand(description, X_WB=X_WB)
-
-    def model(X_LA: RigidTransform) -> HandModel:
-        up = X_LA.rotation().matrix()[:, 2] @ R_WO
-        top = float(np.max((shape.mesh.vertices - p_OCoM) @ up))
-        raised = description.over_object(top)
-        return made_hand(raised, grasp.yaw_range, X_LA, X_WB, upright.model)
-
     raise_first(model_problems(grasp, upright))
+    incoming, fixed = None, [TABLE.solid]
+    if grasp.meeting.wait_at:
+        incoming = grasp.meeting.wait_at - initial_pose(scenario.motion, shape) @ shape.p_OCoM
     with errors_at("hand.file", f"{file}: "):
-        approaches = [FROM_ABOVE]
-        if grasp.approaches != [ABOVE]:
-            incoming = None
-            if grasp.meeting.wait_at:
-                incoming = grasp.meeting.wait_at - initial_pose(scenario.motion, shape) @ p_OCoM
-            approaches = candidate_approaches(
-                grasp, model(FROM_ABOVE), X_WO, p_OCoM, incoming=incoming
-            )
-        hands = [model(X_LA) for X_LA in approaches]
+        hands = approaching_hands(
+            upright, grasp, surface, X_WO, fixed=fixed, X_WB=X_WB, incoming=incoming
+        )
     where, path = "", [X for _, X in _followed_path(scenario, hands[0], shape)]
-    if not approaches[0].rotation().IsExactlyIdentity():
-        height = (X_WO @ p_OCoM + approaches[0].translation())[2]
+    if not (X_LA := hands[0].X_LA).rotation().IsExactlyIdentity():
+        height = (X_WO @ shape.p_OCoM + X_LA.translation())[2]
         where = f"from the side, with the palm's axis {height:.3g} m over the table: "
     chooses = scenario.chooses_contacts
     with errors_at("object" if chooses else "initial_contacts", where):
-        given = None if chooses else _given_contacts(scenario, surface)
-        return best_approach(
+        return start_grasp.best_start(
             hands,
-            lambda hand: start_grasp.start_contacts_of(
-                hand,
-                grasp,
-                scenario.planner,
-                surface,
-                solid=shape.solid,
-                mass=scenario.object.mass,
-                X_WO=X_WO,
-                fixed=[TABLE.solid],
-                path=path,
-                p_OC=given,
-            ),
+            grasp,
+            scenario.planner,
+            surface,
+            solid=shape.solid,
+            mass=scenario.object.mass,
+            X_WO=X_WO,
+            fixed=fixed,
+            path=path,
+            p_OC=None if chooses else _given_contacts(scenario, surface),
         )
 
 

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from drake_pregrasp.diagrams.hand_model import made_hand
 from drake_pregrasp.errors import InvalidArgumentError, NoGraspError, ScenarioError, one_line
-from drake_pregrasp.simulation.hand_file import load_hand, made_hand
+from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario, resolve_scenario
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import scenario_from_data

@@ -15,11 +15,12 @@ from drake_pregrasp.contacts.assignment import assign_fingers_round
 from drake_pregrasp.contacts.centroids import best_points
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import make_strategy
+from drake_pregrasp.diagrams.hand_model import made_hand
 from drake_pregrasp.quality.grasp_quality import posture_measures
 from drake_pregrasp.regions.constraints import Limit, RegionConstraints
 from drake_pregrasp.regions.finger_measures import FINGER_MEASURES, FingerMeasures
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
-from drake_pregrasp.simulation.hand_file import load_hand, made_hand
+from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.scenario_file import load_resolved
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 

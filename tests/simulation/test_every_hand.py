@@ -5,8 +5,9 @@ from conftest import LACKING_HANDS, usable_hands
 from simulation_runs import run_text
 
 from drake_pregrasp import ScenarioError, load_resolved
+from drake_pregrasp.diagrams.hand_model import made_hand
 from drake_pregrasp.errors import Lack
-from drake_pregrasp.simulation.hand_file import load_hand, made_hand
+from drake_pregrasp.simulation.hand_file import load_hand
 
 OBJECTS = {
     "box": "!Box {size: [0.05, 0.05, 0.06], mass: 0.2}",

@@ -17,12 +17,13 @@ from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.object_config import Box, Conveyor, Cylinder, Mesh
 from drake_pregrasp.contacts.assignment import wrapped
 from drake_pregrasp.contacts.selection_input import ContactStatus
+from drake_pregrasp.diagrams.hand_model import made_hand
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.grasping.catch_limits import CatchLimit
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspState
 from drake_pregrasp.grasping.held_criterion import HOLD_DURATION, SHAKE_END
 from drake_pregrasp.regions.constraints import Obstacles
-from drake_pregrasp.simulation.hand_file import load_hand, made_hand
+from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.scenario_file import read_mapping
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.studies.grasps import grasp_outcome, grasp_trial
