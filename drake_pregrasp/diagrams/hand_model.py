@@ -40,8 +40,9 @@ class HandModel:
             yaw turns, and which points to the palm. From above by default, with A as L.
         X_WB: Pose in W of the frame B that the model calls its world. None: that of W, turned with
             A for a carrier.
-        model: Model of the description from `read_model`, about which warnings have been logged.
-            None: it is read, and warnings are logged.
+        model: Model of the description from `read_model`. None: it is read, and warnings about it
+            are logged.
+        warns: Whether warnings about a given model are logged.
 
     Attributes:
         description: Description of the hand.
@@ -70,6 +71,8 @@ class HandModel:
         X_LA: RigidTransform = FROM_ABOVE,
         X_WB: RigidTransform | None = None,
         model: CheckedModel | None = None,
+        *,
+        warns: bool = False,
     ) -> None:
         self.description, self._yaw_range, self.X_LA = description, yaw_range, X_LA
         self.model = model or read_model(description.model)
@@ -77,7 +80,7 @@ class HandModel:
             is_turned = isinstance(description.base, Carrier)
             X_WB = RigidTransform(X_LA.rotation(), np.zeros(3)) if is_turned else RigidTransform()
         self.X_WB = X_WB
-        self.diagram, self.instances = self._parse(warns=model is None)
+        self.diagram, self.instances = self._parse(warns=warns or model is None)
         self.base = make_base(description.base, self.instances, X_LA, X_WB.translation())
         self.kinematics = self._kinematics(self.instances, REFERENCE.hand())
         self.tip_radii: FloatArray = np.array([tip.radius for tip in description.fingertips])
@@ -308,6 +311,8 @@ def made_hand(
     X_LA: RigidTransform = FROM_ABOVE,
     X_WB: RigidTransform | None = None,
     model: CheckedModel | None = None,
+    *,
+    warns: bool = False,
 ) -> HandModel:
     """Returns the model of a hand; the arguments are those of `HandModel`.
 
@@ -316,7 +321,7 @@ def made_hand(
     """
     try:
         with failures_as_errors():
-            return HandModel(description, yaw_range, X_LA, X_WB, model)
+            return HandModel(description, yaw_range, X_LA, X_WB, model, warns=warns)
     except RuntimeError as error:
         problem = f"model: {description.model} cannot be used: {first_line(error)}"
         raise InvalidArgumentError(problem) from error

@@ -29,7 +29,7 @@ from drake_pregrasp.diagrams.hand_instances import HandInstances
 from drake_pregrasp.diagrams.model_files import CheckedModel
 from drake_pregrasp.diagrams.object_contact import make_compliant
 from drake_pregrasp.errors import InvalidArgumentError, ProblemsError, first_line
-from drake_pregrasp.resources import file_url, resolve_path
+from drake_pregrasp.resources import MODELS_URL, file_url, resolve_path
 from drake_pregrasp.robots.robot_models import ROBOTS_URL, robot_model
 from drake_pregrasp.systems.hand_kinematics import fingertip_geometries
 from drake_pregrasp.systems.palm_frames import FROM_ABOVE
@@ -100,21 +100,27 @@ def add_hand_model(
     return models
 
 
-def read_model(model: str) -> CheckedModel:
+def read_model(model: str, folders: Sequence[Path] | None = None) -> CheckedModel:
     """Returns a hand's model as Drake's parser gets it.
 
     It is a checked copy, or a directive that names an SDF or a URDF of this package.
 
     Args:
         model: Name of the model, as in `HandDescription.model`.
+        folders: Folders that a model may be in, or below, unless `is_known`; as for `checked_copy`.
 
     Raises:
-        InvalidArgumentError: If a file is missing or too large, or cannot be read.
+        InvalidArgumentError: If a file is missing, elsewhere or too large, or cannot be read.
     """
     if needs_copy(path := model_path(model)):
-        return checked_copy(path)
+        return checked_copy(path, None if is_known(model) else folders)
     directives = [{"add_model": {"name": HAND, "file": file_url(path)}}]
     return CheckedModel(dump_yaml({"directives": directives}), DIRECTIVES_KIND, (path,), ())
+
+
+def is_known(model: str) -> bool:
+    """Returns whether a model is named as one of this package, or of another Python package."""
+    return model.startswith((MODELS_URL, ROBOTS_URL))
 
 
 def add_read_model(

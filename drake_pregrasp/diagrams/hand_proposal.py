@@ -24,7 +24,7 @@ from drake_pregrasp.config.hand_description import (
 from drake_pregrasp.config.limits_config import SectorReach
 from drake_pregrasp.diagrams.hand_instances import HandInstances
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.diagrams.hand_parsing import add_read_model, read_model
+from drake_pregrasp.diagrams.hand_parsing import add_read_model
 from drake_pregrasp.diagrams.model_files import CheckedModel
 from drake_pregrasp.diagrams.palm_base import JOINT_KINDS, PalmArm
 from drake_pregrasp.errors import InvalidArgumentError
@@ -60,7 +60,7 @@ class _Chain:
     tip: Fingertip
 
 
-def propose_hand(model: str) -> HandDescription:
+def propose_hand(model: str, source: CheckedModel) -> HandDescription:
     """Returns a description of a model, which `HandModel` accepts.
 
     Fingertips are the ends of the links on which no other link hangs. Joints that move all of them
@@ -70,11 +70,11 @@ def propose_hand(model: str) -> HandDescription:
 
     Args:
         model: Name of the model, as in `HandDescription.model`.
+        source: The model, from `read_model`. Warnings about it are logged.
 
     Raises:
         InvalidArgumentError: If the model cannot be loaded, or has fewer than two fingers.
     """
-    source = read_model(model)
     diagram, hand = _parse(model, source)
     joints = hand.moving_joints()
     chains, shared = _chains(model, diagram, hand, joints)

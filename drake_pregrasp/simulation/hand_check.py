@@ -18,11 +18,13 @@ from drake_pregrasp.config.hand_description import Drive, HandDescription
 from drake_pregrasp.config.yaml_text import TAG_KEY, dump_yaml
 from drake_pregrasp.diagrams.directive_files import DIRECTIVES, YAML
 from drake_pregrasp.diagrams.hand_model import HandModel, made_hand
+from drake_pregrasp.diagrams.hand_parsing import read_model
 from drake_pregrasp.diagrams.hand_proposal import HOME_YAWS, propose_hand, usual_place
+from drake_pregrasp.diagrams.model_files import CheckedModel
 from drake_pregrasp.errors import InvalidArgumentError, PregraspError, problems_of
 from drake_pregrasp.grasping.finger_homes import OBJECT_RADIUS
 from drake_pregrasp.resources import resolve_path
-from drake_pregrasp.simulation.hand_file import check_model_files, hand_data, load_hand
+from drake_pregrasp.simulation.hand_file import hand_data, read_hand
 from drake_pregrasp.simulation.recording import start_meshcat
 from drake_pregrasp.simulation.schema_check import is_union, mapping_problems
 from drake_pregrasp.visualization.drawing import contact_color
@@ -58,18 +60,18 @@ def check_hand(file: str, *, folders: Sequence[str | Path] | None = None) -> Han
         folders: Folders that may hold files which it names, besides its own; as for `load_hand`.
     """
     is_proposal = not file.endswith(YAML) or file.endswith(DIRECTIVES)
-    description = None
+    description: HandDescription | None = None
+    read: CheckedModel | None
     try:
         if is_proposal:
             name = file if "://" in file else str(resolve_path(file, Path.cwd()))
-            if folders is not None:
-                check_model_files(name, [Path(name).parent, *map(Path, folders)])
-            description = propose_hand(name)
+            allowed = None if folders is None else [Path(name).parent, *map(Path, folders)]
+            description = propose_hand(name, read := read_model(name, allowed))
         else:
             if problems := _schema_problems(file):
                 return HandCheck(None, None, problems, is_proposal)
-            description = load_hand(file, folders=folders)
-        model = made_hand(description)
+            description, read = read_hand(file, folders)
+        model = made_hand(description, model=read, warns=not is_proposal)
     except PregraspError as error:
         return HandCheck(description, None, problems_of(error), is_proposal)
     return HandCheck(description, model, _home_problems(model), is_proposal)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
@@ -11,11 +11,10 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.config.object_config import POINT, zeros
 from drake_pregrasp.config.yaml_text import parse_entries, read_text
-from drake_pregrasp.diagrams.directive_files import checked_copy
-from drake_pregrasp.diagrams.hand_parsing import model_path
+from drake_pregrasp.diagrams.hand_parsing import is_known, read_model
+from drake_pregrasp.diagrams.model_files import CheckedModel
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
-from drake_pregrasp.resources import MODELS_URL, make_paths_absolute, resolve_path
-from drake_pregrasp.robots.robot_models import ROBOTS_URL
+from drake_pregrasp.resources import make_paths_absolute, resolve_path
 from drake_pregrasp.simulation.schema_check import load_checked
 
 
@@ -80,6 +79,24 @@ def load_hand(file: str | Path, *, folders: Sequence[str | Path] | None = None) 
     Raises:
         ScenarioError: If the description is invalid; the message names file, key and value.
     """
+    return read_hand(file, folders).description
+
+
+class HandSource(NamedTuple):
+    """Description of a hand, and its model if it has been read as well.
+
+    Attributes:
+        description: The description.
+        model: Model for `HandModel`. None if it has not been read: shipped ones, and those of other
+            packages, are read where they are used, because the packages may be missing.
+    """
+
+    description: HandDescription
+    model: CheckedModel | None
+
+
+def read_hand(file: str | Path, folders: Sequence[str | Path] | None = None) -> HandSource:
+    """Reads a description as `load_hand` does, and with allowed folders also its model."""
     try:
         path = resolve_path(str(file), Path.cwd())
     except InvalidArgumentError as error:
@@ -88,12 +105,12 @@ def load_hand(file: str | Path, *, folders: Sequence[str | Path] | None = None) 
     description = load_checked(str(path), "", data, HandDescription())
     allowed = None if folders is None else [path.parent, *map(Path, folders)]
     make_paths_absolute(description, path.parent, allowed=allowed, source=str(path))
-    if allowed is not None:
-        try:
-            check_model_files(description.model, allowed)
-        except InvalidArgumentError as error:
-            raise ScenarioError(str(path), "", str(error)) from error
-    return description
+    if allowed is None or is_known(description.model):
+        return HandSource(description, None)
+    try:
+        return HandSource(description, read_model(description.model, allowed))
+    except InvalidArgumentError as error:
+        raise ScenarioError(str(path), "", str(error)) from error
 
 
 def hand_data(path: Path) -> Any:
@@ -106,17 +123,3 @@ def hand_data(path: Path) -> Any:
     if isinstance(data, dict) and isinstance(data.get("model"), list):
         data["model"] = str(path)
     return data
-
-
-def check_model_files(model: str, allowed: Sequence[Path]) -> None:
-    """Raises an error if a model, or a file that it names, is not in an allowed folder.
-
-    Args:
-        model: Name of the model, as in `HandDescription.model`.
-        allowed: Folders that the model may be in, or below; see `checked_copy`.
-
-    Raises:
-        InvalidArgumentError: If a file is elsewhere, is too large, or cannot be read.
-    """
-    if not model.startswith((MODELS_URL, ROBOTS_URL)):
-        checked_copy(model_path(model), allowed)

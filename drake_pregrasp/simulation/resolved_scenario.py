@@ -43,7 +43,7 @@ from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation import scenario_check
 from drake_pregrasp.simulation.grasp_check import grasp_problems, model_problems
-from drake_pregrasp.simulation.hand_file import HandFile, load_hand
+from drake_pregrasp.simulation.hand_file import HandFile, HandSource, read_hand
 from drake_pregrasp.simulation.obstacle_config import moving_solid
 from drake_pregrasp.simulation.scenario import TIME_STEP, Scenario
 from drake_pregrasp.simulation.sensor_check import unseen_problems
@@ -143,13 +143,20 @@ class ResolvedScenario:
 
 
 def resolve_scenario(
-    scenario: Scenario, source: str = "scenario", *, keep: ResolvedScenario | None = None
+    scenario: Scenario,
+    source: str = "scenario",
+    *,
+    hand: HandSource | None = None,
+    shape: Shape | None = None,
+    keep: ResolvedScenario | None = None,
 ) -> ResolvedScenario:
     """Returns a scenario with all that follows from its data, after a check that all of it fits.
 
     Args:
         scenario: Scenario whose keys, types and ranges have been checked.
         source: Name of the scenario's origin, for error messages.
+        hand: The hand, if its file has been read.
+        shape: Shape of the object, if it has been made.
         keep: Resolved scenario with the same object and hand, whose surface, hand and start
             contacts are kept.
 
@@ -157,19 +164,25 @@ def resolve_scenario(
         ScenarioError: If the scenario cannot be simulated; the message names key and value.
     """
     try:
-        return _resolved(scenario, keep)
+        return _resolved(scenario, hand, shape, keep)
     except ScenarioError as error:
         raise ScenarioError(source, error.key, error.problem) from error.__cause__
 
 
-def _resolved(scenario: Scenario, keep: ResolvedScenario | None) -> ResolvedScenario:
-    hand, plant_config = None, _plant_config(scenario)
-    shape = keep.shape if keep else _shape(scenario)
+def _resolved(
+    scenario: Scenario,
+    source: HandSource | None,
+    shape: Shape | None,
+    keep: ResolvedScenario | None,
+) -> ResolvedScenario:
+    plant_config = _plant_config(scenario)
+    shape = keep.shape if keep else shape or _shape(scenario)
     if keep and keep.hand:
-        hand = keep.hand.description
-    elif scenario.has_hand:
+        source = HandSource(keep.hand.description, keep.hand.model)
+    elif scenario.has_hand and source is None:
         with errors_at("hand.file"):
-            hand = load_hand(scenario.hand_file)
+            source = read_hand(scenario.hand_file)
+    hand = None if source is None else source.description
     surface = keep.surface if keep else _checked_surface(scenario, shape, hand)
     count = scenario.ring_contacts or len(scenario.initial_contacts)
     if hand and scenario.chooses_contacts:
@@ -177,15 +190,15 @@ def _resolved(scenario: Scenario, keep: ResolvedScenario | None) -> ResolvedScen
     raise_first(scenario_check.scenario_problems(scenario, count, surface, plant_config))
     X_WO, model, planner = initial_pose(scenario.motion, shape), None, scenario.planner
     waiting = X_WO
-    if hand is None:
+    if source is None:
         start = keep.start if keep else _given_start(scenario, surface, X_WO)
     else:
-        raise_first(grasp_problems(scenario, hand, count, plant_config))
+        raise_first(grasp_problems(scenario, source.description, count, plant_config))
         waiting = _waiting_pose(scenario, shape, X_WO)
         if keep and keep.hand:
             model, start = keep.hand, keep.start
         else:
-            model, start = _hand_and_start(scenario, hand, shape, surface, waiting)
+            model, start = _hand_and_start(scenario, source, shape, surface, waiting)
         planner = start_grasp.hand_planner(planner, scenario.grasp, model.description)
         _check_base(scenario, model, start.p_OC, shape)
     raise_first(scenario_check.obstacle_problems(scenario, shape))
@@ -280,18 +293,18 @@ def _given_start(scenario: Scenario, surface: ObjectSurface, X_WO: RigidTransfor
 
 def _hand_and_start(
     scenario: Scenario,
-    description: HandDescription,
+    source: HandSource,
     shape: Shape,
     surface: ObjectSurface,
     X_WO: RigidTransform,
 ) -> Approach:
-    grasp, file = scenario.grasp, scenario.hand_file
+    grasp, file, (description, read) = scenario.grasp, scenario.hand_file, source
     X_WB = scenario.hand.X_WB if isinstance(scenario.hand, HandFile) else None
     if X_WB is not None and not isinstance(description.base, Arm):
         problem = f"only an arm can stand elsewhere, and {file} has none"
         raise ScenarioError("", "hand.position", problem)
     with errors_at("hand.file", f"{file}: "):
-        upright = made_hand(description, X_WB=X_WB)
+        upright = made_hand(description, X_WB=X_WB, model=read, warns=True)
     raise_first(model_problems(grasp, upright))
     incoming, fixed = None, [TABLE.solid]
     if grasp.meeting.wait_at:

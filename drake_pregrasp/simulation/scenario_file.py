@@ -3,14 +3,14 @@
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pydrake.common.yaml import yaml_dump_typed
 
 from drake_pregrasp.config.yaml_text import parse_entries, parse_yaml, read_text
 from drake_pregrasp.errors import ScenarioError, nearest, printable
 from drake_pregrasp.resources import make_paths_absolute, resource_folder
-from drake_pregrasp.simulation.hand_file import load_hand
+from drake_pregrasp.simulation.hand_file import HandSource, read_hand
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario, resolve_scenario
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.schema_check import add_tags, check_mapping, load_checked
@@ -74,6 +74,24 @@ def load_scenario(
     Raises:
         ScenarioError: If the scenario is invalid; the message names file, key and value.
     """
+    return _load(name, file, text, folders).scenario
+
+
+class LoadedScenario(NamedTuple):
+    """A scenario's data, and its hand as it was read for the check.
+
+    Attributes:
+        scenario: The data.
+        hand: Description of the hand, and its model; None without a hand.
+    """
+
+    scenario: Scenario
+    hand: HandSource | None
+
+
+def _load(
+    name: str | None, file: str | Path | None, text: str | None, folders: Sequence[str | Path]
+) -> LoadedScenario:
     if file is None and name is None:
         raise ScenarioError("", "", "a scenario needs a name or a file")
     file = Path(find_scenario(str(name)) if file is None else file)
@@ -92,12 +110,11 @@ def load_scenario(
             scenario = load_checked(SCENARIO_TEXT, "", overrides, scenario)
             source, folder = f"{file} with {SCENARIO_TEXT}", Path.cwd()
             allowed.append(folder)
-        _check_loaded(scenario, source, folder, allowed)
+        return _checked(scenario, source, folder, allowed)
     except ScenarioError as error:
         if error.source != printable(source):
             raise
         raise ScenarioError(source, f"{name}.{error.key}", error.problem) from error
-    return scenario
 
 
 def only_name(file: str | Path) -> str:
@@ -126,8 +143,8 @@ def scenario_data(scenario: Scenario) -> dict[str, Any]:
 
 def scenario_from_data(
     data: Mapping[str, Any], *, source: str, folder: Path, folders: Sequence[str | Path] = ()
-) -> Scenario:
-    """Returns the scenario described by plain data.
+) -> LoadedScenario:
+    """Returns the scenario described by plain data, with its hand.
 
     Args:
         data: Entry of a scenario file, as `parse_yaml` returns it; missing keys have defaults.
@@ -140,17 +157,17 @@ def scenario_from_data(
         ScenarioError: If the scenario is invalid; the message names source, key and value.
     """
     scenario = load_checked(source, "", data, Scenario())
-    _check_loaded(scenario, source, folder, [folder, *map(Path, folders)])
-    return scenario
+    return _checked(scenario, source, folder, [folder, *map(Path, folders)])
 
 
-def _check_loaded(scenario: Scenario, source: str, folder: Path, allowed: list[Path]) -> None:
+def _checked(scenario: Scenario, source: str, folder: Path, allowed: list[Path]) -> LoadedScenario:
     make_paths_absolute(scenario, folder, allowed=allowed, source=source)
-    if scenario.has_hand:
-        try:
-            load_hand(scenario.hand_file, folders=allowed)
-        except ScenarioError as error:
-            raise ScenarioError(source, "hand.file", str(error)) from error
+    if not scenario.has_hand:
+        return LoadedScenario(scenario, None)
+    try:
+        return LoadedScenario(scenario, read_hand(scenario.hand_file, allowed))
+    except ScenarioError as error:
+        raise ScenarioError(source, "hand.file", str(error)) from error
 
 
 def resolve(scenario: Scenario | ResolvedScenario) -> ResolvedScenario:
@@ -192,7 +209,7 @@ def load_resolved(
     """
     if file is None and name is not None:
         file = find_scenario(name)
-    scenario = load_scenario(name, file=file, text=text, folders=folders)
+    scenario, hand = _load(name, file, text, folders)
     assert file is not None
     file = Path(file)
     source = str(file) if text is None else f"{file} with {SCENARIO_TEXT}"
@@ -200,9 +217,9 @@ def load_resolved(
         option = "--simulation_duration"
         check_mapping(option, "", {"simulation_duration": simulation_duration}, Scenario)
         scenario.simulation_duration = simulation_duration
-        return resolve_scenario(scenario, f"{name or only_name(file)} with {option}")
+        return resolve_scenario(scenario, f"{name or only_name(file)} with {option}", hand=hand)
     try:
-        return resolve_scenario(scenario, source)
+        return resolve_scenario(scenario, source, hand=hand)
     except ScenarioError as error:
         key = f"{name or only_name(file)}.{error.key}"
         raise ScenarioError(source, key, error.problem) from error.__cause__

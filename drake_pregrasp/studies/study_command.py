@@ -10,13 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from drake_pregrasp.config.yaml_text import dump_yaml
-from drake_pregrasp.diagrams.directive_files import checked_copy
-from drake_pregrasp.diagrams.hand_parsing import model_path
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
 from drake_pregrasp.estimation.recorded_poses import MAX_BYTES
 from drake_pregrasp.geometry.meshes import companions
 from drake_pregrasp.resources import make_paths_absolute
-from drake_pregrasp.simulation.hand_file import load_hand
+from drake_pregrasp.simulation.hand_file import read_hand
 from drake_pregrasp.simulation.output import write_text
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.schema_check import load_checked
@@ -184,9 +182,8 @@ def _files_of(scenario: Scenario, study: Study, allowed: list[Path]) -> set[Path
     make_paths_absolute(scenario, study.folder, allowed=allowed, source=study.source)
     found, hand = set(map(Path, _paths(scenario))), scenario.hand_file
     if _is_file(hand):
-        model = load_hand(hand, folders=allowed).model
-        if _is_file(model):
-            found.update(checked_copy(model_path(model), [Path(hand).parent, *allowed]).files)
+        read = read_hand(hand, allowed).model
+        found.update(read.files if read else [])
     return found
 
 

@@ -262,7 +262,7 @@ def _base(
     for changes in (config.overrides, condition.overrides):
         data = with_fields(data, changes, f"{source}: overrides")
     return scenario_data(
-        scenario_from_data(data, source=source, folder=file.parent, folders=folders)
+        scenario_from_data(data, source=source, folder=file.parent, folders=folders).scenario
     )
 
 

@@ -8,10 +8,11 @@ import numpy as np
 
 from drake_pregrasp.diagrams.hand_model import made_hand
 from drake_pregrasp.errors import InvalidArgumentError, NoGraspError, ScenarioError, one_line
-from drake_pregrasp.simulation.hand_file import load_hand
+from drake_pregrasp.geometry.shapes import Shape
+from drake_pregrasp.simulation.hand_file import HandSource
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario, resolve_scenario
 from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.simulation.scenario_file import scenario_from_data
+from drake_pregrasp.simulation.scenario_file import LoadedScenario, scenario_from_data
 from drake_pregrasp.simulation.simulation_diagram import make_diagram, make_simulator
 from drake_pregrasp.studies.grasps.fitting_objects import fits, opening
 from drake_pregrasp.studies.grasps.goal_sources import GoalSource
@@ -43,15 +44,15 @@ class StudyRun:
 
     def __call__(self, job: Mapping[str, Any]) -> list[dict[str, Any]]:
         """Returns the rows of a job: one for each closing time, or one."""
-        scenario = self._scenario(job)
-        if not scenario.has_hand:
+        scenario, hand = loaded = self._loaded(job)
+        if hand is None:
             resolved = resolve_scenario(scenario, self.study.source)
             return [self._measured(simulated(resolved), job)]
-        times = self._times(scenario, job)
-        if not self._fits(scenario, job):
+        times, shape = self._times(scenario, job), None
+        if self._has_random_object(job) and (shape := _fitting_shape(scenario, hand)) is None:
             return self._ungrasped(times, UNFIT, np.nan)
         try:
-            resolved = self._resolved(scenario, job)
+            resolved = self._resolved(loaded, job, shape)
         except ScenarioError as error:
             lack = error.__cause__.lack if isinstance(error.__cause__, NoGraspError) else ""
             cause = f"{REFUSED}: {lack}" if lack else REFUSED
@@ -68,7 +69,7 @@ class StudyRun:
         Raises:
             ScenarioError: If the scenario cannot be simulated.
         """
-        return self._resolved(self._scenario(job), job)
+        return self._resolved(self._loaded(job), job)
 
     def trial(self, job: Mapping[str, Any]) -> GraspTrial:
         """Returns the trial of a job with a hand, before its simulation.
@@ -82,36 +83,31 @@ class StudyRun:
         goals = self.study.method_of(job).goals
         return self.sources[goals] if goals else None
 
-    def _scenario(self, job: Mapping[str, Any], *, otherwise: bool = False) -> Scenario:
+    def _loaded(self, job: Mapping[str, Any], *, otherwise: bool = False) -> LoadedScenario:
         study = self.study
         data = study.scenario_of(job, otherwise=otherwise)
         return scenario_from_data(
             data, source=study.source, folder=study.folder, folders=study.folders
         )
 
-    def _resolved(self, scenario: Scenario, job: Mapping[str, Any]) -> ResolvedScenario:
-        source = self.study.source
+    def _resolved(
+        self, loaded: LoadedScenario, job: Mapping[str, Any], shape: Shape | None = None
+    ) -> ResolvedScenario:
+        (scenario, hand), source = loaded, self.study.source
         try:
-            return resolve_scenario(scenario, source)
+            return resolve_scenario(scenario, source, hand=hand, shape=shape)
         except ScenarioError as error:
             if not (self.study.config.otherwise and isinstance(error.__cause__, NoGraspError)):
                 raise
             try:
-                return resolve_scenario(self._scenario(job, otherwise=True), source)
+                scenario, hand = self._loaded(job, otherwise=True)
+                return resolve_scenario(scenario, source, hand=hand)
             except ScenarioError:
                 raise error from error.__cause__
 
-    def _fits(self, scenario: Scenario, job: Mapping[str, Any]) -> bool:
-        """Returns whether a random object fits the hand; other objects are not asked."""
+    def _has_random_object(self, job: Mapping[str, Any]) -> bool:
         axes = self.study.random[job.get("condition", "")]
-        if all(axis.kind != RANDOM_OBJECTS for axis in axes):
-            return True
-        try:
-            shape = scenario.object.make_shape()
-        except InvalidArgumentError:
-            return False
-        hand = made_hand(load_hand(scenario.hand_file))
-        return fits(shape, opening(hand, scenario.grasp.standoff))
+        return any(axis.kind == RANDOM_OBJECTS for axis in axes)
 
     def _times(self, scenario: Scenario, job: Mapping[str, Any]) -> list[float]:
         if not (times := self.study.closing_times(job)):
@@ -134,6 +130,16 @@ class StudyRun:
         row |= {name: held for name in ("held", "clean") if name in row}
         reasons = {"cause": cause, "gave_up": why}
         return [{"close_at": time} | reasons | row for time in times]
+
+
+def _fitting_shape(scenario: Scenario, hand: HandSource) -> Shape | None:
+    """Returns the shape of an object; None if it does not fit the hand, or cannot be made."""
+    try:
+        shape = scenario.object.make_shape()
+    except InvalidArgumentError:
+        return None
+    made = made_hand(hand.description, model=hand.model)
+    return shape if fits(shape, opening(made, scenario.grasp.standoff)) else None
 
 
 def simulated(resolved: ResolvedScenario) -> SimulatedRun:

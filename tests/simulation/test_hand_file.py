@@ -24,6 +24,7 @@ from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams import hand_parsing
 from drake_pregrasp.diagrams.hand_parsing import read_model
 from drake_pregrasp.quality.force_closure import min_weight_margin
+from drake_pregrasp.simulation import hand_file
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_resolved, resolve
 
@@ -80,6 +81,22 @@ def test_warnings_about_a_model_are_shown_once(tmp_path, caplog):
     assert caplog.messages == shown
     HandModel(hand, model=read_model(hand.model))
     assert caplog.messages == shown
+
+
+def test_a_scenarios_hand_and_its_model_are_read_once(tmp_path, monkeypatch):
+    read = []
+
+    def counted(module, name):
+        function = getattr(module, name)
+        monkeypatch.setattr(
+            module, name, lambda file, *rest: read.append(Path(file)) or function(file, *rest)
+        )
+
+    path = write_hand(tmp_path, model=MODEL)
+    counted(hand_file, "read_text")
+    counted(hand_parsing, "checked_copy")
+    assert scenario_with(path).hand.model.files == (tmp_path / "own.sdf",)
+    assert read == [path, tmp_path / "own.sdf"]
 
 
 @pytest.mark.parametrize(

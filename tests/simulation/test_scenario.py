@@ -93,7 +93,7 @@ def test_shipped_scenarios_survive_being_written_and_read(name, tmp_path):
     file.write_text(dump_scenario(name, scenario))
     assert dump_scenario(name, load_scenario(file=file)) == file.read_text()
     data = scenario_data(scenario)
-    assert scenario_data(scenario_from_data(data, source="x", folder=tmp_path)) == data
+    assert scenario_data(scenario_from_data(data, source="x", folder=tmp_path).scenario) == data
     assert scenario.description
     assert "publish_every_time_step" not in file.read_text()  # Gone in Drake 1.58.
 
