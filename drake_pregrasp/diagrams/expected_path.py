@@ -18,6 +18,7 @@ from drake_pregrasp.config.object_config import (
     Toss,
 )
 from drake_pregrasp.diagrams.object_body import resting_position
+from drake_pregrasp.estimation.recorded_poses import RecordedPoses
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.geometry.shapes import Shape
 
@@ -25,7 +26,20 @@ _SAMPLES = 50  # Positions of the path.
 _POSES = 200  # Poses on a conveyor.
 
 
-def expected_path(motion: MotionConfig, duration: float, shape: Shape) -> FloatArray:
+Motion = Conveyor | Toss | Push | RecordedPoses
+"""Motion of an object, for which no file has to be read."""
+
+
+def read_motion(motion: MotionConfig | RecordedPoses) -> Motion:
+    """Returns a motion whose recorded poses have been read.
+
+    Raises:
+        InvalidArgumentError: If their file cannot be read, or holds no valid poses.
+    """
+    return motion.read() if isinstance(motion, PoseStream) else motion
+
+
+def expected_path(motion: Motion, duration: float, shape: Shape) -> FloatArray:
     """Returns expected positions of the centre of mass in W, shape (k, 3), in metres.
 
     Args:
@@ -50,13 +64,13 @@ def expected_path(motion: MotionConfig, duration: float, shape: Shape) -> FloatA
         distances = np.linspace(0.0, motion.distance, _SAMPLES)
         path = [start + distance * motion.unit_vector() for distance in distances]
     else:
-        poses = map(motion.read().at, times)
+        poses = map(motion.at, times)
         path = [p_WO + R_WO.apply(p_OCoM) for p_WO, R_WO in poses]
     return np.array(path)
 
 
 def expected_poses(
-    motion: MotionConfig, duration: float, shape: Shape
+    motion: Motion, duration: float, shape: Shape
 ) -> list[tuple[float, RigidTransform]]:
     """Returns times in seconds and poses X_WO of the object, as far as its motion is prescribed.
 
@@ -79,13 +93,13 @@ def expected_poses(
     return poses
 
 
-def initial_pose(motion: MotionConfig, shape: Shape) -> RigidTransform:
+def initial_pose(motion: Motion, shape: Shape) -> RigidTransform:
     """Returns the initial pose of the object O in W."""
     if isinstance(motion, Toss):
         R_WO = RollPitchYaw(motion.rpy).ToRotationMatrix()
         return RigidTransform(R_WO, np.array(motion.position) - R_WO @ shape.p_OCoM)
-    if isinstance(motion, PoseStream):
-        position, rotation = motion.read().at(0.0)
+    if isinstance(motion, RecordedPoses):
+        position, rotation = motion.at(0.0)
         return RigidTransform(RotationMatrix(rotation.as_matrix()), position)
     X_WO = RigidTransform(resting_position(shape))
     if isinstance(motion, Conveyor):
@@ -97,7 +111,7 @@ def initial_pose(motion: MotionConfig, shape: Shape) -> RigidTransform:
 def initial_velocities(
     plant: MultibodyPlant,
     body: RigidBody,
-    motion: MotionConfig,
+    motion: Motion,
     rates: Mapping[ModelInstanceIndex, FloatArray],
     *,
     steps: int = 1,

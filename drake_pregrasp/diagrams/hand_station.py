@@ -18,6 +18,7 @@ from drake_pregrasp.diagrams.hand_instances import (
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.object_plant import DRAKE, ForceMakers, add_moving_object
 from drake_pregrasp.diagrams.wiring import connect, export_inputs
+from drake_pregrasp.estimation.recorded_poses import RecordedPoses
 from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.systems.hand_kinematics import HandLink
 from drake_pregrasp.systems.link_contacts import LinkContacts
@@ -94,7 +95,7 @@ class HandStation(Diagram):
     def __init__(
         self,
         object_config: ObjectConfig,
-        motion_config: MotionConfig,
+        motion_config: MotionConfig | RecordedPoses,
         plant_config: MultibodyPlantConfig,
         hand: HandModel,
         *,

@@ -24,11 +24,15 @@ from drake_pregrasp.config.object_config import (
     Conveyor,
     MotionConfig,
     ObjectConfig,
-    PoseStream,
     Push,
     Toss,
 )
-from drake_pregrasp.diagrams.expected_path import initial_pose, initial_velocities
+from drake_pregrasp.diagrams.expected_path import (
+    Motion,
+    initial_pose,
+    initial_velocities,
+    read_motion,
+)
 from drake_pregrasp.diagrams.object_body import FRICTION, add_object, add_obstacle_bodies
 from drake_pregrasp.diagrams.object_contact import separate_contacts
 from drake_pregrasp.diagrams.wiring import connect
@@ -90,7 +94,7 @@ def add_moving_object(
     builder: DiagramBuilder,
     shape: Shape,
     mass: float,
-    motion: MotionConfig,
+    motion: MotionConfig | RecordedPoses,
     plant_config: MultibodyPlantConfig,
     *,
     friction: float = FRICTION,
@@ -123,7 +127,8 @@ def add_moving_object(
     Raises:
         InvalidArgumentError: If MuJoCo is chosen but not installed.
     """
-    if isinstance(motion, PoseStream) and add_more is None:
+    motion = read_motion(motion)
+    if isinstance(motion, RecordedPoses) and add_more is None:
         return _add_replay(builder, shape, mass, motion, plant_config)
     if engine == DRAKE:
         plant, scene_graph = AddMultibodyPlant(plant_config, builder)
@@ -154,10 +159,9 @@ def add_moving_object(
             solids += [TABLE_TOP] if motion.table else []
             if solids:
                 sources["landing"] = _landing(plant, body, shape.mesh, solids, friction)
-        elif isinstance(motion, PoseStream):
-            poses = motion.read()
-            _draw_giver(builder, scene_graph, poses, shape.mesh)
-            sources["giver"] = Giver(plant, body, poses)
+        elif isinstance(motion, RecordedPoses):
+            _draw_giver(builder, scene_graph, motion, shape.mesh)
+            sources["giver"] = Giver(plant, body, motion)
     for name, (instance, profile) in drives.items():
         drive = ObjectMotion(profile, plant.GetDefaultPositions(instance)[0])
         builder.AddNamedSystem(name, drive)
@@ -170,7 +174,7 @@ def add_moving_object(
     return MovingObject(plant, scene_graph, pose.get_output_port(), dynamics)
 
 
-def _add_drives(plant: MultibodyPlant, motion: MotionConfig, *, retreat: float) -> Drives:
+def _add_drives(plant: MultibodyPlant, motion: Motion, *, retreat: float) -> Drives:
     """Adds what carries or pushes the object; returns its model and the rates of its joints."""
     if isinstance(motion, Conveyor):
         table = add_model(plant, "conveyor_table.sdf")
@@ -305,10 +309,10 @@ def _add_replay(
     builder: DiagramBuilder,
     shape: Shape,
     mass: float,
-    motion: PoseStream,
+    poses: RecordedPoses,
     plant_config: MultibodyPlantConfig,
 ) -> MovingObject:
-    """Adds a replay of the poses in a file.
+    """Adds a replay of recorded poses.
 
     The plant holds the model of the body only. It is not part of the diagram: nothing is simulated.
     """
@@ -316,9 +320,9 @@ def _add_replay(
     body = add_object(plant, shape, mass)
     plant.Finalize()
     frame = plant.GetBodyFrameIdOrThrow(body.index())
-    replay = builder.AddNamedSystem("pose_replay", PoseReplay(motion.read(), frame))
-    poses = scene_graph.get_source_pose_port(plant.get_source_id())
-    builder.Connect(replay.GetOutputPort("geometry_pose"), poses)
+    replay = builder.AddNamedSystem("pose_replay", PoseReplay(poses, frame))
+    drawn = scene_graph.get_source_pose_port(plant.get_source_id())
+    builder.Connect(replay.GetOutputPort("geometry_pose"), drawn)
     return MovingObject(plant, scene_graph, replay.GetOutputPort("X_WO"), plant)
 
 
@@ -358,7 +362,7 @@ class ObjectPlant(Diagram):
     def __init__(
         self,
         object_config: ObjectConfig,
-        motion_config: MotionConfig,
+        motion_config: MotionConfig | RecordedPoses,
         plant_config: MultibodyPlantConfig,
         *,
         shape: Shape | None = None,

@@ -175,7 +175,7 @@ def camera_view(
         follows: Whether the camera follows an object that moves far; otherwise it stays.
     """
     scenario, hand, direction = resolved.scenario, resolved.hand, _CAMERA
-    grasp, motion = scenario.grasp, scenario.motion
+    grasp, motion = scenario.grasp, resolved.motion
     extent = max(_SMALLEST, float(resolved.shape.mesh.extents.max()))
     duration = scenario.simulation_duration + scenario.planner.estimator.lookahead
     p_LA = np.array([0.0, 0.0, _HEADROOM * extent])

@@ -1,6 +1,7 @@
 """A scenario with everything that follows from its data: surface, hand, contacts, settings."""
 
 import math
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field
 
@@ -25,7 +26,7 @@ from drake_pregrasp.contacts.assignment import assign_fingers, palm_turn, ring_c
 from drake_pregrasp.contacts.hand_over_object import StartContacts
 from drake_pregrasp.diagrams import feasibility, start_grasp
 from drake_pregrasp.diagrams.approaches import Approach, approaching_hands
-from drake_pregrasp.diagrams.expected_path import expected_poses, initial_pose
+from drake_pregrasp.diagrams.expected_path import Motion, expected_poses, initial_pose, read_motion
 from drake_pregrasp.diagrams.hand_model import HandModel, made_hand
 from drake_pregrasp.diagrams.object_plant import TABLE
 from drake_pregrasp.errors import (
@@ -60,6 +61,7 @@ class ResolvedScenario:
 
     Attributes:
         scenario: The data.
+        motion: Motion of the object, with recorded poses.
         shape: Shape of the object in O.
         surface: Surface of the object, sampled as `scenario.surface` configures.
         X_WO: Initial pose of the object.
@@ -72,6 +74,7 @@ class ResolvedScenario:
     """
 
     scenario: Scenario
+    motion: Motion
     shape: Shape
     surface: ObjectSurface
     X_WO: RigidTransform
@@ -188,21 +191,27 @@ def _resolved(
     if hand and scenario.chooses_contacts:
         count = len(hand.fingertips)
     raise_first(scenario_check.scenario_problems(scenario, count, surface, plant_config))
-    X_WO, model, planner = initial_pose(scenario.motion, shape), None, scenario.planner
+    with errors_at("motion.file"):
+        motion = read_motion(scenario.motion)
+    X_WO, model, planner = initial_pose(motion, shape), None, scenario.planner
     waiting = X_WO
     if source is None:
         start = keep.start if keep else _given_start(scenario, surface, X_WO)
     else:
         raise_first(grasp_problems(scenario, source.description, count, plant_config))
         waiting = _waiting_pose(scenario, shape, X_WO)
+        path = [(0.0, waiting)]
+        if not scenario.grasp.meeting.wait_at:  # A hand that waits says then whether it can follow.
+            path = _followed_path(scenario, source.description, motion, shape)
         if keep and keep.hand:
             model, start = keep.hand, keep.start
         else:
-            model, start = _hand_and_start(scenario, source, shape, surface, waiting)
+            there = shape, surface, X_WO, waiting
+            model, start = _hand_and_start(scenario, source, *there, [X for _, X in path])
         planner = start_grasp.hand_planner(planner, scenario.grasp, model.description)
-        _check_base(scenario, model, start.p_OC, shape)
+        _check_base(scenario, model, start.p_OC, shape, path)
     raise_first(scenario_check.obstacle_problems(scenario, shape))
-    raise_first(unseen_problems(scenario, shape))
+    raise_first(unseen_problems(scenario, motion, shape))
     raise_first(scenario_check.limit_problems(scenario, planner.limits, count, surface))
     if model is not None:
         with errors_at("object.mass"):
@@ -211,7 +220,7 @@ def _resolved(
     raise_first(scenario_check.engine_problems(scenario))
     raise_first(scenario_check.drake_problems(scenario, plant_config))
     return ResolvedScenario(
-        scenario, shape, surface, X_WO, waiting, model, start, planner, plant_config
+        scenario, motion, shape, surface, X_WO, waiting, model, start, planner, plant_config
     )
 
 
@@ -297,6 +306,8 @@ def _hand_and_start(
     shape: Shape,
     surface: ObjectSurface,
     X_WO: RigidTransform,
+    waiting: RigidTransform,
+    path: Sequence[RigidTransform],
 ) -> Approach:
     grasp, file, (description, read) = scenario.grasp, scenario.hand_file, source
     X_WB = scenario.hand.X_WB if isinstance(scenario.hand, HandFile) else None
@@ -308,14 +319,14 @@ def _hand_and_start(
     raise_first(model_problems(grasp, upright))
     incoming, fixed = None, [TABLE.solid]
     if grasp.meeting.wait_at:
-        incoming = grasp.meeting.wait_at - initial_pose(scenario.motion, shape) @ shape.p_OCoM
+        incoming = grasp.meeting.wait_at - X_WO @ shape.p_OCoM
     with errors_at("hand.file", f"{file}: "):
         hands = approaching_hands(
-            upright, grasp, surface, X_WO, fixed=fixed, X_WB=X_WB, incoming=incoming
+            upright, grasp, surface, waiting, fixed=fixed, X_WB=X_WB, incoming=incoming
         )
-    where, path = "", [X for _, X in _followed_path(scenario, hands[0], shape)]
+    where = ""
     if not (X_LA := hands[0].X_LA).rotation().IsExactlyIdentity():
-        height = (X_WO @ shape.p_OCoM + X_LA.translation())[2]
+        height = (waiting @ shape.p_OCoM + X_LA.translation())[2]
         where = f"from the side, with the palm's axis {height:.3g} m over the table: "
     chooses = scenario.chooses_contacts
     with errors_at("object" if chooses else "initial_contacts", where):
@@ -326,7 +337,7 @@ def _hand_and_start(
             surface,
             solid=shape.solid,
             mass=scenario.object.mass,
-            X_WO=X_WO,
+            X_WO=waiting,
             fixed=fixed,
             path=path,
             p_OC=None if chooses else _given_contacts(scenario, surface),
@@ -334,21 +345,21 @@ def _hand_and_start(
 
 
 def _followed_path(
-    scenario: Scenario, hand: HandModel, shape: Shape
+    scenario: Scenario, hand: HandDescription, motion: Motion, shape: Shape
 ) -> list[tuple[float, RigidTransform]]:
-    """Returns some times, in seconds, and expected poses X_WO until the hand comes to rest.
-
-    A hand that waits does not follow the object before it meets it; it says then whether it can.
-    """
-    if scenario.grasp.meeting.wait_at:
-        return [(0.0, _waiting_pose(scenario, shape, initial_pose(scenario.motion, shape)))]
-    rest = scenario.grasp.latest_rest(hand.description.fingertips)
-    end = min(scenario.simulation_duration, rest)
-    poses = expected_poses(scenario.motion, end, shape)
+    """Returns some times, in seconds, and expected poses X_WO until the hand comes to rest."""
+    end = min(scenario.simulation_duration, scenario.grasp.latest_rest(hand.fingertips))
+    poses = expected_poses(motion, end, shape)
     return poses[:: max(1, len(poses) // 3)]
 
 
-def _check_base(scenario: Scenario, hand: HandModel, p_OC: FloatArray, shape: Shape) -> None:
+def _check_base(
+    scenario: Scenario,
+    hand: HandModel,
+    p_OC: FloatArray,
+    shape: Shape,
+    path: Sequence[tuple[float, RigidTransform]],
+) -> None:
     """Raises an error unless the hand can hold its palm at the object at all times, and lift it.
 
     Args:
@@ -356,8 +367,9 @@ def _check_base(scenario: Scenario, hand: HandModel, p_OC: FloatArray, shape: Sh
         hand: Model of the hand with its approach.
         p_OC: Start contacts in O, shape (n, 3), in metres.
         shape: Shape of the object.
+        path: Times in seconds and expected poses X_WO of the object, until the hand rests.
     """
-    (_, start), *_ = path = _followed_path(scenario, hand, shape)
+    _, start = path[0]
     p_AC = hand.around_axis(p_OC, start.rotation().matrix(), shape.p_OCoM)
     yaw_range = hand.yaw_range(scenario.grasp.yaw_range)
     first = palm_turn(p_AC, hand.azimuths, 0.0, yaw_range)

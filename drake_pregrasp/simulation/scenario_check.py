@@ -268,9 +268,6 @@ def _motion_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
         if motion.start_distance < rear:
             problem = f"{motion.start_distance} must be at least {rear:.4g}, the object's rear end"
             yield "motion.start_distance", problem
-    elif isinstance(motion, PoseStream):
-        with errors_at("motion.file"):
-            motion.read()
 
 
 def _rest_problems(config: ObjectConfig, mesh: trimesh.Trimesh) -> Problems:

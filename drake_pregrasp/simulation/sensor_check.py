@@ -5,7 +5,7 @@ import numpy as np
 from drake_pregrasp.config.camera_config import camera_problems, sight_problems
 from drake_pregrasp.config.object_config import Conveyor
 from drake_pregrasp.config.sensor_config import Camera, fault_problems
-from drake_pregrasp.diagrams.expected_path import expected_path
+from drake_pregrasp.diagrams.expected_path import Motion, expected_path
 from drake_pregrasp.errors import Problems
 from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.simulation.scenario import Scenario
@@ -33,16 +33,17 @@ def sensor_problems(scenario: Scenario) -> Problems:
             yield f"depth_sensor.cameras[{index}].bias", problem
 
 
-def unseen_problems(scenario: Scenario, shape: Shape) -> Problems:
+def unseen_problems(scenario: Scenario, motion: Motion, shape: Shape) -> Problems:
     """Yields the cameras that do not see the object anywhere on its expected path.
 
     Args:
         scenario: Scenario whose other values have been checked.
+        motion: Motion of the object.
         shape: Shape of the object.
     """
     if not scenario.depth_sensor.cameras:
         return
-    path = expected_path(scenario.motion, scenario.simulation_duration, shape)
+    path = expected_path(motion, scenario.simulation_duration, shape)
     radius = float(np.max(np.linalg.norm(shape.mesh.vertices - shape.p_OCoM, axis=1)))
     for name, problem in sight_problems(scenario.depth_sensor, path, radius):
         yield f"depth_sensor.{name}", problem

@@ -157,7 +157,7 @@ def _add_object(
     scenario = resolved.scenario
     plant = ObjectPlant(
         scenario.object,
-        scenario.motion,
+        resolved.motion,
         resolved.plant_config,
         shape=resolved.shape,
         obstacles=resolved.obstacle_bodies,
@@ -252,7 +252,7 @@ def add_hand_station(
         "object_plant",
         HandStation(
             scenario.object,
-            scenario.motion,
+            resolved.motion,
             resolved.plant_config,
             model,
             friction=grasp.friction,

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import ObjectPlant, load_scenario, shipped_scenarios
 from drake_pregrasp.config.object_config import Ball, Box, Conveyor, Mesh, PoseStream, Push, Toss
-from drake_pregrasp.diagrams.expected_path import expected_path, expected_poses
+from drake_pregrasp.diagrams.expected_path import expected_path, expected_poses, read_motion
 from drake_pregrasp.estimation.recorded_poses import read_recorded_poses
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.resources import resource_folder
@@ -178,7 +178,7 @@ MOTIONS = [name for name, (file, _) in shipped_scenarios().items() if file.stem 
 def test_the_expected_path_is_near_the_one_that_is_taken(name):
     scenario = load_scenario(name)
     duration = min(3.0, scenario.simulation_duration)
-    path = expected_path(scenario.motion, duration, scenario.object.make_shape())
+    path = expected_path(read_motion(scenario.motion), duration, scenario.object.make_shape())
     times = list(np.linspace(0.1, duration - 0.1, 5))
     step = scenario.plant_config.time_step
     for X_WO in poses(scenario.motion, times, step, scenario.object):

@@ -57,7 +57,7 @@ def test_the_camera_sees_the_whole_motion(name):
     end = scenario.simulation_duration
     if resolved.hand is not None and not scenario.grasp.meeting.wait_at:
         end = min(end, scenario.grasp.latest_rest(resolved.hand.description.fingertips))
-    path = expected_path(scenario.motion, end, shape)
+    path = expected_path(resolved.motion, end, shape)
     extent = max(shape.mesh.extents)
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * extent / 2
     for view in (camera_view(resolved, follows=follows) for follows in (False, True)):

@@ -6,14 +6,18 @@ import yaml
 from conftest import slow, usable_scenarios
 
 from drake_pregrasp import Scenario, ScenarioError, load_resolved, load_scenario, shipped_scenarios
+from drake_pregrasp.config import object_config
 from drake_pregrasp.config.object_config import PoseStream
+from drake_pregrasp.interfaces.pose_files import read_poses
 from drake_pregrasp.resources import resolve_path, resource_folder
+from drake_pregrasp.simulation.recording import camera_view
 from drake_pregrasp.simulation.scenario_file import (
     dump_scenario,
     resolve,
     scenario_data,
     scenario_from_data,
 )
+from drake_pregrasp.simulation.simulation_diagram import make_diagram
 
 TEMPLATE = "case:\n  description: for a test\n"
 
@@ -151,3 +155,15 @@ def test_a_file_of_the_package_keeps_its_name():
     assert resolve_path("x/../y.csv", here) == here / "y.csv"
     assert resolve_path("/y.csv", here) == Path("/y.csv")
     assert resolve_path("~/y.csv", here) == Path.home() / "y.csv"
+
+
+@pytest.mark.slow
+def test_the_poses_of_a_run_are_read_once(monkeypatch):
+    read = []
+    monkeypatch.setattr(
+        object_config, "read_poses", lambda *args: read.append(args) or read_poses(*args)
+    )
+    resolved = load_resolved("see_handed_over")
+    make_diagram(resolved)
+    camera_view(resolved)
+    assert len(read) == 1
