@@ -25,7 +25,7 @@ CUBE = box_surface([0.1, 0.1, 0.1], spacing=0.01)
 
 def regions_of(surface, p_OC, weights=None, **constraints):
     weights = np.zeros(len(p_OC)) if weights is None else np.array(weights)
-    limits = RegionConstraints(**constraints)
+    limits = RegionConstraints(len(p_OC), **constraints)
     return compute_safe_regions(surface.p_OQ, p_OC, weights, surface.forbidden, limits)
 
 
@@ -50,7 +50,7 @@ def given_regions(surface, *members, **constraints):
     for contact, candidates in enumerate(members):
         labels[candidates] = contact
     regions = SafeRegions.unlimited(labels, len(members))
-    return replace(regions, constraints=RegionConstraints(**constraints))
+    return replace(regions, constraints=RegionConstraints(len(members), **constraints))
 
 
 def without_region(selection, contact):

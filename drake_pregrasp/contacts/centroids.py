@@ -141,7 +141,7 @@ def select_contacts(
             continue
         seen = replace(selection, p_OC=goals.copy()) if in_turns else selection
         goals[movers] = choose(seen, movers)
-        if regions.constraints.is_unconstrained:
+        if regions.constraints.predicates.permits_all:
             continue
         barred = selection.limits_of(movers, goals[movers])[0] != Limit.NONE
         for i in movers[barred].tolist():  # The nearest candidate replaces a forbidden goal.

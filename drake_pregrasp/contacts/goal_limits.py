@@ -315,7 +315,7 @@ def judged_goals(
         nearest, _ = selection.surface.project(goals[unknown])
         off = unknown[np.linalg.norm(nearest - goals[unknown], axis=1) > CONTACT_TOLERANCE]
         limits[off], causes[off], active[off] = Limit.FORBIDDEN, NO_CAUSE, False
-    if not constraints.is_unconstrained and active.any():
+    if not constraints.predicates.permits_all and active.any():
         there = np.flatnonzero(active)
         limit, cause = selection.limits_of(there, goals[there])
         barred = limit != Limit.NONE

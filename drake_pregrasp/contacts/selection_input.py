@@ -121,7 +121,7 @@ class SelectionInput:
             p_OC: Point for each contact, shape (k, 3), in metres.
         """
         normals = self.surface.project(p_OC)[1]
-        return self.limits_at(self.regions.predicates, contacts, p_OC, normals)
+        return self.limits_at(self.regions.constraints.predicates, contacts, p_OC, normals)
 
 
 WeightFunction = Callable[[SelectionInput, int], FloatArray]

@@ -127,7 +127,7 @@ class StartCandidates:
             The gaps, shape (n,), in metres; inf if there is no such side.
         """
         constraints, p, nhat = self._hand.constraints_at(yaw), self.p_OQ, self.nhat_OQ
-        predicates, gaps = constraints.predicates(self._n), np.full(self._n, np.inf)
+        predicates, gaps = constraints.predicates, np.full(self._n, np.inf)
         ends = (self._hand.workspace_gaps(yaw, self._ways[end], np.inf) for end in (0, -1))
         beyond = np.maximum(*ends)
         for i, row in enumerate(predicates.contacts[:, REACH_SOLID.start : SECTOR.stop]):
@@ -148,7 +148,7 @@ class StartCandidates:
             The amounts between obstacles and the object, shape (n,), in metres; negative if it
             fits, and inf if nothing is in reach.
         """
-        predicates = self._hand.constraints_at(yaw).predicates(self._n)
+        predicates = self._hand.constraints_at(yaw).predicates
         needed = predicates.contacts[:, RADIUS] + predicates.clearance
         spare = self._spare
         for row in predicates.solids[:, :19]:

@@ -158,7 +158,7 @@ def finger_measure(selection: SelectionInput, i: int, *, name: str) -> FloatArra
         name: One of `FINGER_MEASURES`.
     """
     n, surface = selection.regions.members(i), selection.surface
-    measures = selection.regions.predicates.finger_measures_at(
+    measures = selection.regions.constraints.predicates.finger_measures_at(
         np.full(len(n), i), surface.p_OQ[n], surface.nhat_OQ[n]
     )
     return np.nan_to_num(measures[:, FINGER_MEASURES.index(name)])

@@ -51,13 +51,14 @@ def approaching_hands(
         InvalidArgumentError: If the hand does not match its model with an approach, or its carrier
             has the orientation of none.
     """
+    extent = float(np.max(np.linalg.norm(surface.p_OQ - surface.p_OCoM, axis=1)))
     R_WO, is_arm = X_WO.rotation().matrix(), isinstance(upright.description.base, Arm)
 
     def model(X_LA: RigidTransform, X_WB: RigidTransform | None) -> HandModel:
         up = X_LA.rotation().matrix()[:, 2] @ R_WO
         top = float(np.max((surface.mesh.vertices - surface.p_OCoM) @ up))
         raised = upright.description.over_object(top)
-        return made_hand(raised, config.yaw_range, X_LA, X_WB, upright.model)
+        return made_hand(raised, config.yaw_range, X_LA, X_WB, upright.model, extent=extent)
 
     found = {ABOVE: [FROM_ABOVE]}
     if SIDE in config.approaches:

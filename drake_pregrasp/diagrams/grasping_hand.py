@@ -130,7 +130,7 @@ def add_grasping_hand(
         surface,
         p_OC,
         fingertip_frames=hand.kinematics.tip_frames,
-        finger_measures=hand.fingers.measures(surface) if planner.needs_finger_measures else None,
+        finger_measures=hand.fingers.measures if planner.needs_finger_measures else None,
         object_solid=seen_solid,
         tip_radii=hand.tip_radii,
         kernels=kernels,

@@ -43,6 +43,8 @@ class HandModel:
         model: Model of the description from `read_model`. None: it is read, and warnings about it
             are logged.
         warns: Whether warnings about a given model are logged.
+        extent: Largest distance of contacts from the object's centre of mass, in metres, for
+            `HomeFingers.measures`. The smaller it is, the finer they are.
 
     Attributes:
         description: Description of the hand.
@@ -73,6 +75,7 @@ class HandModel:
         model: CheckedModel | None = None,
         *,
         warns: bool = False,
+        extent: float = np.inf,
     ) -> None:
         self.description, self._yaw_range, self.X_LA = description, yaw_range, X_LA
         self.model = model or read_model(description.model)
@@ -85,13 +88,14 @@ class HandModel:
         self.kinematics = self._kinematics(self.instances, REFERENCE.hand())
         self.tip_radii: FloatArray = np.array([tip.radius for tip in description.fingertips])
         self.fingers_home = self._place_fingers()
+        offset = float(np.linalg.norm(X_LA.translation()))
         self.fingers = HomeFingers(
             self.kinematics,
             self.diagram.scene_graph().model_inspector(),
             self.base,
             self.base.placed(self.fingers_home),
             self.tip_radii,
-            offset=float(np.linalg.norm(X_LA.translation())),
+            radius=extent + float(np.max(self.tip_radii)) + offset,
         )
         self.p_HT = self.fingers.p_HT
         self.azimuths: FloatArray = np.arctan2(self.p_HT[:, 1], self.p_HT[:, 0])
@@ -313,6 +317,7 @@ def made_hand(
     model: CheckedModel | None = None,
     *,
     warns: bool = False,
+    extent: float = np.inf,
 ) -> HandModel:
     """Returns the model of a hand; the arguments are those of `HandModel`.
 
@@ -321,7 +326,7 @@ def made_hand(
     """
     try:
         with failures_as_errors():
-            return HandModel(description, yaw_range, X_LA, X_WB, model, warns=warns)
+            return HandModel(description, yaw_range, X_LA, X_WB, model, warns=warns, extent=extent)
     except RuntimeError as error:
         problem = f"model: {description.model} cannot be used: {first_line(error)}"
         raise InvalidArgumentError(problem) from error

@@ -11,7 +11,6 @@ from scipy.spatial import cKDTree
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.contact_pairs import Pair
 from drake_pregrasp.diagrams.palm_base import CarrierOrArm
-from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import BASE
 from drake_pregrasp.regions.finger_measures import FingerChain, FingerLinks, FingerMeasures
 from drake_pregrasp.systems.hand_kinematics import HandKinematics
@@ -35,7 +34,7 @@ class HomeFingers:
         base: Carrier or arm of the palm.
         home: Positions of all joints at home, shape (nq,).
         tip_radii: Radii of the fingertips, shape (n,), in metres.
-        offset: Distance of the object's centre of mass from the palm's axis, in metres.
+        radius: Radius around the object's centre of mass of the places to measure, in metres.
 
     Attributes:
         p_HT: Fingertips at home, shape (n, 3), in metres.
@@ -49,12 +48,11 @@ class HomeFingers:
         base: CarrierOrArm,
         home: FloatArray,
         tip_radii: FloatArray,
-        offset: float,
+        radius: float,
     ) -> None:
         self._kinematics, self._inspector = kinematics, inspector
         self._X_AW, self._home = base.X_AW, home
-        self._tip_radii, self._offset = tip_radii, offset
-        self._measures: dict[float, FingerMeasures] = {}
+        self._tip_radii, self._radius = tip_radii, radius
         pose = kinematics.pose(home)
         self.p_HT: FloatArray = (self._X_AW @ pose.p_WT.T).T
         R_AW, p_AW = self._X_AW.rotation().matrix(), self._X_AW.translation()
@@ -118,21 +116,13 @@ class HomeFingers:
             widths.append(np.max(first) - np.min(second) - np.sum(self._tip_radii[both]))
         return float(min(widths))
 
-    def measures(self, surface: ObjectSurface) -> FingerMeasures:
-        """Returns the measures of the fingers around an object, in the palm's frame U.
+    @cached_property
+    def measures(self) -> FingerMeasures:
+        """Measures of the fingers around an object, in the palm's frame U.
 
         U is the frame A turned with the palm. Only the finger's own joints count.
-
-        Args:
-            surface: Surface of the object.
         """
-        farthest = np.max(np.linalg.norm(surface.p_OQ - surface.p_OCoM, axis=1)) + np.max(
-            self._tip_radii
-        )
-        radius = float(farthest + self._offset)
-        if radius not in self._measures:
-            self._measures[radius] = FingerMeasures.around(radius, self.chains)
-        return self._measures[radius]
+        return FingerMeasures.around(self._radius, self.chains)
 
     def depth(self, yaw: float) -> float:
         """Returns how far palm and fingers reach below the axis of a palm from the side, in metres.

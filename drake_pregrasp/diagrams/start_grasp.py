@@ -45,6 +45,7 @@ def _start_constraints(
     R_OW, least = X_WO.rotation().matrix().T, limits.least_measures()
     p_OA = p_OCoM + R_OW @ hand.X_LA.translation()
     shared = RegionConstraints(
+        len(hand.tip_radii),
         obstacles=Obstacles(tuple(fixed)).moved(R_OW, -R_OW @ X_WO.translation()),
         clearance=limits.clearance,
         tip_radii=np.array(limits.tip_radii),
@@ -131,7 +132,7 @@ def _chosen_contacts(
     R_OA = R_OW @ hand.X_LA.rotation().matrix()
     p_OA = p_OCoM + R_OW @ hand.X_LA.translation()
 
-    measures = hand.fingers.measures(surface) if np.any(limits.least_measures()) else None
+    measures = hand.fingers.measures if np.any(limits.least_measures()) else None
     yaw_range = hand.yaw_range(config.yaw_range)
     problem_at = partial(palm_problem, hand, config, poses, p_OCoM, table_height(fixed))
 

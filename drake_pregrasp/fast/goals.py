@@ -231,7 +231,7 @@ def _write_finger_measures(
     members: Members,
     b: FloatArray,
 ) -> None:
-    predicates = selection.regions.predicates
+    predicates = selection.regions.constraints.predicates
     hand, radii = numbers_of(predicates.known_finger_measures), predicates.contacts[:, RADIUS]
     own = members.contacts, members.ends, members.candidates
     write_finger_measures(hand, measure, np.array(radii), *own, *places, b)

@@ -13,7 +13,7 @@ from drake_pregrasp.fast.predicates import (
     no_limits,
     shared_arrays,
 )
-from drake_pregrasp.regions.constraints import NO_CAUSE, UNCONSTRAINED, Limit
+from drake_pregrasp.regions.constraints import NO_CAUSE, Limit
 from drake_pregrasp.regions.safe_regions import (
     NO_REGION,
     Labelled,
@@ -256,8 +256,6 @@ class CompactCandidates(Blocks):
         """
         c, planes, predicates = bounds.c, bounds.half_spaces, bounds.predicates
         n = len(c)
-        if predicates is None:
-            predicates = UNCONSTRAINED.predicates(n)
         if (bounds.num_candidates, c.shape[1]) != self.q.shape[::-1]:
             raise InvalidArgumentError(
                 f"{len(self.order)} candidates were expected, not {bounds.num_candidates}"

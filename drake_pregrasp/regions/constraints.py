@@ -144,6 +144,7 @@ class Predicates:
         clearance: Least distance between fingertips and obstacles, in metres.
         standoff: Distance from the surface at which fingertips wait, in metres.
         finger_measures: Measures of the fingers, or None if they are unknown and not limited.
+        permits_all: Whether every contact may have every point.
     """
 
     contacts: FloatArray
@@ -151,7 +152,8 @@ class Predicates:
     points: FloatArray
     clearance: float
     standoff: float
-    finger_measures: FingerMeasures | None = None
+    finger_measures: FingerMeasures | None
+    permits_all: bool
 
     @property
     def known_finger_measures(self) -> FingerMeasures:
@@ -248,6 +250,7 @@ class RegionConstraints:
     """Constraints of the regions of n contacts, expressed in O; none by default.
 
     Attributes:
+        num_contacts: Number of contacts n.
         obstacles: Obstacles now. A region ends at the plane through an obstacle's point nearest to
             c_i, set back by the fingertip's radius and the clearance. It contains no candidate at
             which the fingertip would be nearer to an obstacle, between surface and standoff.
@@ -273,6 +276,7 @@ class RegionConstraints:
             shape (n, m).
     """
 
+    num_contacts: int
     obstacles: Obstacles = field(default_factory=Obstacles)
     later: Sequence[Obstacles] = ()
     clearance: float = 0.0
@@ -288,29 +292,16 @@ class RegionConstraints:
     same_side: BoolArray | None = None
     active_forbidden_points: BoolArray | None = None
 
-    @cached_property
-    def is_unconstrained(self) -> bool:
-        """Whether `limits_at` permits every point to every contact."""
-        blocked = self.obstacles.solids or len(self.obstacles.points) or any(self.closed)
-        blocked = blocked or (self.finger_measures is not None and self.finger_measures.is_limiting)
-        return not blocked and all(reach is None for reach in self.reach)
-
     def tip_radius(self, contact: int) -> float:
         """Returns the radius of the fingertip of the contact with that index, in metres."""
         return float(self.tip_radii[contact]) if len(self.tip_radii) else 0.0
 
     @cached_property
-    def _made(self) -> dict[int, Predicates]:
-        return {}
-
-    def predicates(self, num_contacts: int) -> Predicates:
-        """Returns the tests of single points for that many contacts; they are made once."""
-        if num_contacts not in self._made:
-            self._made[num_contacts] = self._make_predicates(num_contacts)
-        return self._made[num_contacts]
-
-    def _make_predicates(self, num_contacts: int) -> Predicates:
-        rows = np.zeros((num_contacts, CLOSED.stop))
+    def predicates(self) -> Predicates:
+        """Tests of single points."""
+        blocked = self.obstacles.solids or len(self.obstacles.points) or any(self.closed)
+        blocked = blocked or (self.finger_measures is not None and self.finger_measures.is_limiting)
+        rows = np.zeros((self.num_contacts, CLOSED.stop))
         own = rows[:, REACH_SOLID.start : SECTOR.stop]
         own[:] = UNLIMITED
         if len(self.tip_radii):
@@ -342,6 +333,7 @@ class RegionConstraints:
             self.clearance,
             self.standoff,
             self.finger_measures,
+            permits_all=not blocked and all(reach is None for reach in self.reach),
         )
 
     def limits_at(
@@ -354,10 +346,4 @@ class RegionConstraints:
             points: Points in O, shape (k, 3), in metres.
             normals: Outward unit normals at the points, shape (k, 3).
         """
-        counts = (contact + 1, len(self.tip_radii), len(self.reach), len(self.closed))
-        predicates = self.predicates(max(counts))
-        return predicates.limits_at(np.full(len(points), contact), points, normals)
-
-
-UNCONSTRAINED = RegionConstraints()
-"""Constraints that limit nothing: the forbidden points alone bound the regions."""
+        return self.predicates.limits_at(np.full(len(points), contact), points, normals)

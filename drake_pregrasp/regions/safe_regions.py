@@ -18,7 +18,6 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.surface import ForbiddenPoints
 from drake_pregrasp.regions.constraints import (
     NO_CAUSE,
-    UNCONSTRAINED,
     Limit,
     Predicates,
     RegionConstraints,
@@ -85,18 +84,12 @@ class SafeRegions:
     causes: IntArray
     constraints: RegionConstraints
 
-    @cached_property
-    def predicates(self) -> Predicates:
-        """Tests that a point must pass by itself for each contact."""
-        return self.constraints.predicates(len(self.lost))
-
     @staticmethod
     def unlimited(labels: IntArray, num_contacts: int) -> "SafeRegions":
         """Returns regions of contacts that nothing limits, given their labels, shape (N,)."""
         limits, causes = np.full(num_contacts, int(Limit.NONE)), np.full(num_contacts, NO_CAUSE)
-        return SafeRegions(
-            labels, np.zeros(num_contacts, dtype=bool), limits, causes, UNCONSTRAINED
-        )
+        lost, constraints = np.zeros(num_contacts, dtype=bool), RegionConstraints(num_contacts)
+        return SafeRegions(labels, lost, limits, causes, constraints)
 
     def members(self, contact: int) -> IntArray:
         """Returns the indices of the candidates in S_i of the contact with that index."""
@@ -133,7 +126,7 @@ class RegionBounds:
         h: Weights h_i, shape (n,), in m²; -inf for lost fingers.
         half_spaces: Half-spaces of forbidden points, neighbouring fingertips and obstacles.
         same_side: Candidates that no wall hides from each contact, shape (n, N), or None for all.
-        predicates: Tests of single candidates, or None if every candidate passes.
+        predicates: Tests of single candidates.
         num_candidates: Number of candidates N.
         few: Number of candidates below which a region is tiny.
     """
@@ -142,7 +135,7 @@ class RegionBounds:
     h: FloatArray
     half_spaces: HalfSpaces
     same_side: BoolArray | None
-    predicates: Predicates | None
+    predicates: Predicates
     num_candidates: int
     few: float
 
@@ -185,9 +178,9 @@ def compute_safe_regions(
     """
     if not np.isfinite(p_OC).all():
         raise InvalidArgumentError(f"contacts must be finite, not {p_OC.tolist()}")
-    constraints = constraints or UNCONSTRAINED
-    c, h = p_OC, contact_weights
-    half_spaces, predicates = point_half_spaces(c, forbidden), None
+    constraints = constraints or RegionConstraints(len(p_OC))
+    c, h, predicates = p_OC, contact_weights, constraints.predicates
+    half_spaces = point_half_spaces(c, forbidden)
     if constraints.active_forbidden_points is not None:
         applied = np.where(constraints.active_forbidden_points, half_spaces.bounds, np.inf)
         half_spaces = replace(half_spaces, bounds=applied)
@@ -196,9 +189,8 @@ def compute_safe_regions(
     if len(constraints.tip_radii) or constraints.tip_gap > 0:
         setbacks = radii + constraints.tip_gap / 2
         parts.append(neighbour_half_spaces(c, h, setbacks, constraints.nhat_OC))
-    if not constraints.is_unconstrained:
+    if not predicates.permits_all:
         margins = radii + constraints.clearance
-        predicates = constraints.predicates(len(c))
         now = predicates.solids[:: 1 + len(constraints.later)]
         if len(now):
             parts.append(solid_half_spaces(c, now, margins))
@@ -243,7 +235,7 @@ def label_candidates(q: FloatArray, nhat: FloatArray, bounds: RegionBounds) -> L
         own = np.flatnonzero(cells == i)
         excluded = half_spaces.normals[i] @ (q[own] - c[i]).T > half_spaces.bounds[i][:, None]
         labels[own[excluded.any(axis=0)]] = NO_REGION
-    if bounds.predicates is not None:
+    if not bounds.predicates.permits_all:
         own = np.flatnonzero(labels != NO_REGION)
         barred, _ = bounds.predicates.limits_at(labels[own], q[own, :3], nhat[own])
         labels[own[barred != Limit.NONE]] = NO_REGION
@@ -312,7 +304,7 @@ def _limit_of_region(
     for limit, cause in set(keys):
         rows = (half_spaces.limits == limit) & (half_spaces.causes == cause)
         counts[limit, cause] = int(np.count_nonzero(excluded[rows].any(axis=0)))
-    if bounds.predicates is not None:
+    if not bounds.predicates.permits_all:
         barred, barring = bounds.predicates.limits_at(cells[own], q[own, :3], nhat[own])
         counts |= Counter(zip(barred.tolist(), barring.tolist(), strict=True))
         del counts[Limit.NONE, NO_CAUSE]

@@ -23,7 +23,7 @@ from drake_pregrasp.geometry.rotations import rotation_matrix
 from drake_pregrasp.geometry.sampling import lifted
 from drake_pregrasp.geometry.solids import BallSolid
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.regions.constraints import UNCONSTRAINED, Limit, Obstacles, RegionConstraints
+from drake_pregrasp.regions.constraints import Limit, Obstacles, RegionConstraints
 from drake_pregrasp.regions.coordinates import GIVEN, QUANTITIES
 from drake_pregrasp.regions.finger_measures import FINGER_MEASURES, FingerMeasures
 from drake_pregrasp.regions.finger_reach import FingerReach
@@ -170,6 +170,7 @@ class SafeRegionPartitioner(LeafSystem):
             and not any(self._reach)
             and not any(self._closed)
         )
+        self._unconstrained = RegionConstraints(num_contacts)
         self._graph = SurfaceGraph(surface) if config.wall_test == "surface" else None
         self._surface, self._num_contacts = kernels.surface(surface), num_contacts
         self._own = self._make_candidates(own)
@@ -238,7 +239,7 @@ class SafeRegionPartitioner(LeafSystem):
         if self._late.HasValue(context):
             is_late = (self._late.Eval(context) > 0.5) & (weights > -np.inf)
             weights[is_late] = -np.inf
-        constraints = UNCONSTRAINED
+        constraints = self._unconstrained
         if not self._is_unlimited or self._obstacles.HasValue(context):
             constraints = self._constraints(context, X_WO, X_OW, p_OC)
         c = p_OC
@@ -282,6 +283,7 @@ class SafeRegionPartitioner(LeafSystem):
             R_OU, p_OU = X_OU.rotation().matrix(), X_OU.translation()
             finger_measures = replace(finger_measures, R_OU=R_OU, p_OU=p_OU)
         return RegionConstraints(
+            self._num_contacts,
             obstacles=obstacles,
             later=later,
             clearance=self._limits.clearance,

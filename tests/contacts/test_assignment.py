@@ -352,7 +352,8 @@ def test_pairs_and_fingers_without_reach_are_refused():
 def on_sides(*sides):
     """Constraints of fingertips that may each touch one side only."""
     closed = [[AxisArea(face) for face in BOX_FACES if face != side] for side in sides]
-    return RegionConstraints(tip_radii=np.full(len(sides), 0.012), tip_gap=0.004, closed=closed)
+    n = len(sides)
+    return RegionConstraints(n, tip_radii=np.full(n, 0.012), tip_gap=0.004, closed=closed)
 
 
 @pytest.mark.parametrize(("width", "away"), [(0.05, [1]), (0.062, [1]), (0.064, []), (0.08, [])])

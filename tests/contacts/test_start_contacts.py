@@ -69,7 +69,7 @@ def hand_over(shape, *, turn=0.0, half_angle=1.13, mass=0.3, reaches=None, tip=T
 
     values = {
         "constraints_at": lambda yaw: RegionConstraints(
-            **shared, reach_pose=(R_OH(yaw), np.zeros(3))
+            N, **shared, reach_pose=(R_OH(yaw), np.zeros(3))
         ),
         "p_OT_at": lambda yaw: HOME @ R_OH(yaw).T,
         "azimuths": AZIMUTHS,

@@ -25,7 +25,9 @@ from drake_pregrasp.simulation.scenario_file import load_resolved
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 
 R_TIP = HAND.tip_radii[0]
-MEASURES = HAND.fingers.measures(CUBE)
+MEASURES = FingerMeasures.around(
+    np.max(np.linalg.norm(CUBE.p_OQ, axis=1)) + R_TIP, HAND.fingers.chains
+)
 
 
 def drake_finger(hand, finger, q_own):
@@ -141,6 +143,7 @@ def test_weights_lead_to_the_best_place_for_the_finger(name):
 
 def limited_regions(**least):
     constraints = RegionConstraints(
+        5,
         tip_radii=np.full(5, R_TIP),
         nhat_OQ=CUBE.nhat_OQ,
         nhat_OC=CUBE.project(P_OC)[1],
@@ -202,6 +205,6 @@ def test_a_limit_moves_start_contacts_to_where_fingers_are_able(approach, name, 
         nhat = surface.project(start.p_OC)[1][own]
         p_OT = start.p_OC[own] + hand.tip_radii[own, None] * nhat
         normals = nhat @ X_UO.rotation().matrix().T
-        values = hand.fingers.measures(surface).at(own, (X_UO @ p_OT.T).T, normals)
+        values = hand.fingers.measures.at(own, (X_UO @ p_OT.T).T, normals)
         smallest.append(values[:, FINGER_MEASURES.index(name)].min())
     assert smallest[0] < least <= smallest[1]

@@ -111,6 +111,7 @@ def random_constraints(rng, which, p_OC, forbidden, has):
             same_side &= GRAPHS[which].near_over_the_surface(p_OC, nhat_OC)
     faces = ("-x", "+x", "-y", "+y", "-z", "+z")
     return RegionConstraints(
+        n,
         obstacles=obstacles,
         later=later,
         clearance=rng.uniform(0, 0.005),

@@ -91,7 +91,7 @@ def test_a_reach_that_means_nothing_is_refused(arguments, problem):
 
 
 def test_a_closed_face_is_closed_to_its_finger_alone():
-    limits = RegionConstraints(closed=[[AxisArea("+x")], []])
+    limits = RegionConstraints(2, closed=[[AxisArea("+x")], []])
     first, second = (limits.limits_at(i, CUBE.p_OQ, CUBE.nhat_OQ)[0] for i in range(2))
     assert np.array_equal(first == Limit.FORBIDDEN, AxisArea("+x").holds(CUBE.nhat_OQ))
     assert np.all(second == Limit.NONE)

@@ -26,7 +26,7 @@ def some_obstacles():
 
 
 def limits(obstacles):
-    return RegionConstraints(obstacles=obstacles).limits_at(0, POINTS, 0 * POINTS)
+    return RegionConstraints(1, obstacles=obstacles).limits_at(0, POINTS, 0 * POINTS)
 
 
 @pytest.mark.parametrize("bad", NOT_FINITE)
@@ -95,5 +95,5 @@ def test_a_solid_of_ones_own_that_knows_no_distance_may_be_anywhere():
 
     placed = place_obstacles(Obstacles((Senseless(),)), R, P)
     assert np.all(limits(placed)[0] == Limit.OBSTACLE)
-    unplaced = RegionConstraints(obstacles=Obstacles((Senseless(),)))
+    unplaced = RegionConstraints(1, obstacles=Obstacles((Senseless(),)))
     assert np.all(unplaced.limits_at(0, POINTS, 0 * POINTS)[0] == Limit.OBSTACLE)

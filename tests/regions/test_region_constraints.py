@@ -108,7 +108,7 @@ def test_a_contact_is_kept_from_a_point_by_what_touches_its_fingertip_from_there
     (obstacles, solids), tips = near_obstacles(seed), np.array([0.0, 0.006])
     reach = [None, FingerReach(BallSolid(np.zeros(3), 0.07))]
     limits = RegionConstraints(
-        obstacles, clearance=CLEARANCE, tip_radii=tips, reach=reach, standoff=standoff
+        2, obstacles, clearance=CLEARANCE, tip_radii=tips, reach=reach, standoff=standoff
     )
     rng = np.random.default_rng(seed)
     points, normals = rng.uniform(-0.09, 0.09, (300, 3)), rng.normal(size=(300, 3))
@@ -237,6 +237,7 @@ def test_lifting_by_nothing_changes_nothing():
     surface = mesh_surface(CUP, spacing=0.008, no_touch=[AxisArea("+z")])
     p_OC = contacts(surface, 4)
     limits = RegionConstraints(
+        4,
         near_obstacles(1)[0],
         clearance=CLEARANCE,
         reach=[FingerReach(BallSolid(np.zeros(3), 0.08))] * 4,

@@ -128,7 +128,7 @@ def test_forbidden_points_that_fence_are_those_of_the_printed_equations():
     p_OC = rng.choice(CUBE.p_OQ, 3) + 1e-4 * rng.normal(size=(3, 3))
     z, R = rng.uniform(-0.07, 0.07, (8, 3)), rng.uniform(0, 0.01, 8)
     active_forbidden_points = rng.uniform(size=(3, 8)) > 0.5
-    limits = RegionConstraints(active_forbidden_points=active_forbidden_points)
+    limits = RegionConstraints(3, active_forbidden_points=active_forbidden_points)
     result = compute_safe_regions(CUBE.p_OQ, p_OC, np.zeros(3), ForbiddenPoints(z, R), limits)
     for i, own in enumerate(active_forbidden_points):
         printed = safe_region_labels(CUBE.p_OQ, p_OC, np.zeros(3), z[own], R[own])

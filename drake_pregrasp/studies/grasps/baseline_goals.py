@@ -137,6 +137,7 @@ class _GoalsWithoutPlanner(LeafSystem):
     def __init__(self, num_fingers: int, limits: LimitsConfig) -> None:
         super().__init__()
         self._constraints = RegionConstraints(
+            num_fingers,
             clearance=limits.clearance,
             tip_radii=np.array(limits.tip_radii),
             standoff=limits.standoff,
