@@ -197,12 +197,6 @@ def validated_covariance(covariance_W: FloatArray, R_WO: FloatArray, spread: flo
     return nearest
 
 
-def set_arrays(record: "DataclassInstance", *names: str) -> None:
-    """Replaces sequences of numbers in a frozen dataclass by arrays."""
-    for name in names:
-        object.__setattr__(record, name, np.asarray(getattr(record, name), dtype=float))
-
-
 def pack(record: "DataclassInstance") -> FloatArray:
     """Returns all fields of a dataclass in one vector, as discrete state; see `unpacker`.
 

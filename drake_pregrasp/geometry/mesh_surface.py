@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray, set_arrays
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.errors import InvalidArgumentError, NoSurfaceError
 from drake_pregrasp.geometry.sampling import Triangles, choose_evenly, split_triangles
 from drake_pregrasp.geometry.shapes import Shape
@@ -22,7 +22,7 @@ _SLIVER = 1e-8
 """Ratio of area to squared longest edge, up to which a triangle is too thin for a normal."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class FacingArea:
     """Area whose outward normal is near a direction.
 
@@ -35,11 +35,11 @@ class FacingArea:
     angle: float
 
     def __post_init__(self) -> None:
-        set_arrays(self, "direction")
+        self.direction = np.asarray(self.direction, dtype=float)
         length = float(np.linalg.norm(self.direction))
         if not length > 0:
             raise InvalidArgumentError("a facing area's direction must not be zero")
-        object.__setattr__(self, "direction", self.direction / length)
+        self.direction = self.direction / length
 
 
 @dataclass(frozen=True)

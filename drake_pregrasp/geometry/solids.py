@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, norms, set_arrays
+from drake_pregrasp.arrays import BoolArray, FloatArray, norms
 from drake_pregrasp.errors import InvalidArgumentError
 
 _I = np.eye(3)
@@ -84,7 +84,7 @@ class Solid(SignedDistance):
         return float(row[:3] @ direction + lengths + row[18])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class BallSolid(Solid):
     """A ball.
 
@@ -97,7 +97,7 @@ class BallSolid(Solid):
     radius: float
 
     def __post_init__(self) -> None:
-        set_arrays(self, "center")
+        self.center = np.asarray(self.center, dtype=float)
         if not self.radius >= 0:
             raise InvalidArgumentError(f"a ball's radius must be at least 0 m, not {self.radius}")
         _check_finite("a ball's", radius=self.radius, center=self.center)
@@ -111,7 +111,7 @@ class BallSolid(Solid):
         return BallSolid(R_GF @ self.center + p_GF, self.radius)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class BoxSolid(Solid):
     """A box.
 
@@ -126,7 +126,9 @@ class BoxSolid(Solid):
     size: FloatArray
 
     def __post_init__(self) -> None:
-        set_arrays(self, "center", "R_FB", "size")
+        self.center = np.asarray(self.center, dtype=float)
+        self.R_FB = np.asarray(self.R_FB, dtype=float)
+        self.size = np.asarray(self.size, dtype=float)
         if not np.all(self.size >= 0):
             raise InvalidArgumentError(
                 f"a box's edges must be at least 0 m long, not {self.size.tolist()}"
@@ -142,7 +144,7 @@ class BoxSolid(Solid):
         return BoxSolid(R_GF @ self.center + p_GF, R_GF @ self.R_FB, self.size)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class HalfSpace(Solid):
     """A half-space, the points on one side of a plane.
 
@@ -155,12 +157,13 @@ class HalfSpace(Solid):
     normal: FloatArray
 
     def __post_init__(self) -> None:
-        set_arrays(self, "point", "normal")
+        self.point = np.asarray(self.point, dtype=float)
+        self.normal = np.asarray(self.normal, dtype=float)
         _check_finite("a half-space's", point=self.point, normal=self.normal)
         length = float(np.linalg.norm(self.normal))
         if not length > 0:
             raise InvalidArgumentError("a half-space's normal must not be zero")
-        object.__setattr__(self, "normal", self.normal / length)
+        self.normal = self.normal / length
 
     def rounded_box(self) -> FloatArray:
         """See `Solid`."""

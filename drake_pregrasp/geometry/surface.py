@@ -9,7 +9,7 @@ import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray, set_arrays
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.sampling import Triangles, unit_normals
 
@@ -29,7 +29,7 @@ FLAT_CORNER = 1e-12
 which side of its edges a point is."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class ForbiddenPoints:
     """Points Z that contacts keep away from (the obstacles z_j of the paper).
 
@@ -46,14 +46,15 @@ class ForbiddenPoints:
     normals: FloatArray = None  # type: ignore[assignment]  # Zeros in the points' shape.
 
     def __post_init__(self) -> None:
-        set_arrays(self, "points", "radii")
+        self.points = np.asarray(self.points, dtype=float)
+        self.radii = np.asarray(self.radii, dtype=float)
         if self.points.ndim != 2 or self.points.shape[1] < 1:
             raise InvalidArgumentError(f"points must have shape (m, 3), not {self.points.shape}")
         if self.radii.shape != (len(self.points),) or not np.all(self.radii >= 0):
             raise InvalidArgumentError("radii must be one number >= 0 for each forbidden point")
         if self.normals is None:
-            object.__setattr__(self, "normals", np.zeros(self.points.shape))
-        set_arrays(self, "normals")
+            self.normals = np.zeros(self.points.shape)
+        self.normals = np.asarray(self.normals, dtype=float)
         if self.normals.shape != self.points.shape:
             raise InvalidArgumentError("normals must be one for each forbidden point")
 

@@ -5,12 +5,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray, set_arrays
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.solids import Solid, rounded_box_distances
@@ -54,7 +53,7 @@ class Limit(IntEnum):
     """The finger cannot be at the contact in time."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Obstacles:
     """Obstacles in a frame F, for example the world.
 
@@ -76,8 +75,8 @@ class Obstacles:
     velocities: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
     def __post_init__(self) -> None:
-        set_arrays(self, "velocities")
-        velocities, points, count = self.velocities, self.points, len(self.solids)
+        self.velocities = velocities = np.asarray(self.velocities, dtype=float)
+        points, count = self.points, len(self.solids)
         if (shape := velocities.shape) not in ((0, 3), (count, 3)):
             raise InvalidArgumentError(
                 f"velocities must be none or have shape ({count}, 3), one a solid, not {shape}"
@@ -89,12 +88,6 @@ class Obstacles:
                     f"{name} of obstacles must be finite, not {numbers.tolist()}"
                 )
 
-    @staticmethod
-    def known(**attributes: Any) -> "Obstacles":
-        """Returns obstacles without checks. `rows` may be given, and is then not computed."""
-        vars(obstacles := object.__new__(Obstacles)).update(attributes)
-        return obstacles
-
     @cached_property
     def rows(self) -> FloatArray:
         """Rows of the solids for `rounded_box_distances`, shape (k, 19)."""
@@ -102,11 +95,10 @@ class Obstacles:
 
     def after(self, seconds: float) -> "Obstacles":
         """Returns the obstacles at their places some seconds later."""
-        shifts, solids, rows = seconds * self.velocities, list(self.solids), self.rows.copy()
+        shifts, solids = seconds * self.velocities, list(self.solids)
         for index in np.flatnonzero(shifts.any(axis=1)):
             solids[index] = solids[index].moved(_I, shifts[index])
-            rows[index, :3] += shifts[index]
-        return Obstacles.known(**vars(self) | {"solids": tuple(solids), "rows": rows})
+        return Obstacles(tuple(solids), self.points, self.velocities)
 
     def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "Obstacles":
         """Returns the obstacles expressed in a frame G in which F has the given pose."""

@@ -20,7 +20,7 @@ def _z() -> FloatArray:
     return np.array([0.0, 0.0, 1.0])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class FingerReach:
     """Reach of a finger, expressed in a frame F: the contacts that pass every given test.
 
@@ -55,7 +55,7 @@ class FingerReach:
         length = float(np.linalg.norm(self.direction))
         if not length > 0:
             raise InvalidArgumentError("a reach's direction must not be zero")
-        object.__setattr__(self, "direction", self.direction / length)
+        self.direction = self.direction / length
         if self.half_angle < np.pi and not np.linalg.norm(self._level(self.direction)) > 0:
             raise InvalidArgumentError("a sector's direction must not be along the hand's axis")
 

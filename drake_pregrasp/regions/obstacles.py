@@ -48,11 +48,11 @@ def obstacles_at_times(
         if not known.all():
             rows[~known] = ANYWHERE.rounded_box()
         at_times = [_placed_points(points, *pose) for pose in zip(R_GF, p_GF, strict=True)]
-    placed, still = [], obstacles.velocities[:0]
+    placed = []
     for own, sound, at_time in zip(rows, known.tolist(), at_times, strict=True):
         pairs = zip(own, sound, strict=True)
         solids = tuple(PlacedSolid(row) if is_known else ANYWHERE for row, is_known in pairs)
-        placed.append(Obstacles.known(solids=solids, points=at_time, velocities=still, rows=own))
+        placed.append(Obstacles(solids, at_time))
     return placed
 
 

@@ -116,7 +116,7 @@ def test_goals_are_those_of_the_reference(name, seed, n, size, edges, stretch, i
         stretch = False  # The volume of one contact is constant but for rounding.
     rng = np.random.default_rng(seed)
     surface = box_surface(list(size * np.array(edges)), spacing=size / 12)
-    object.__setattr__(surface, "areas", surface.areas * rng.uniform(0.5, 2, len(surface.areas)))
+    surface = replace(surface, areas=surface.areas * rng.uniform(0.5, 2, len(surface.areas)))
     p_OC, h = contacts(surface, n, rng), np.where(rng.random(n) < 0.1, -np.inf, 0.0)
     A = rng.normal(size=(3, 3))
     covariance = (0.4 * size) ** 2 * (np.eye(3) + A @ A.T)
@@ -158,9 +158,8 @@ def test_where_the_closed_form_fails_a_decomposition_gives_the_isotropy():
 def test_of_weights_that_differ_by_rounding_only_areas_count(name):
     """One contact on a ball: all places are alike."""
     surface = mesh_surface(ball_shape(0.04), spacing=0.01)
-    object.__setattr__(surface, "p_OCoM", np.zeros(3))
     q = surface.p_OQ / np.linalg.norm(surface.p_OQ, axis=1)[:, None] * 0.04
-    object.__setattr__(surface, "p_OQ", q)
+    surface = replace(surface, p_OQ=q, p_OCoM=np.zeros(3))
     regions = SafeRegions.unlimited(np.where(q[:, 2] > 0.01, 0, -1), 1)
     selection = SelectionInput(surface, q[:1], regions, np.eye(3))
     member = regions.members(0)
