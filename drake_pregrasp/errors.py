@@ -97,7 +97,7 @@ class Lack(StrEnum):
         OPENING: Fingers reach the object, but not two opposite sides of it at once.
         ROOM: Fingertips in reach have no room beside each other, obstacles and the object.
         FRICTION: Contacts have no force closure, or do not hold the weight.
-        TORQUE: The torques of the fingers' joints do not hold the weight.
+        TORQUE: The torques of the fingers' joints cannot lift the weight.
     """
 
     ARM = "arm reach"

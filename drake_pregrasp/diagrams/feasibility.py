@@ -18,12 +18,14 @@ from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.clearances import LINK_CLEARANCE
 from drake_pregrasp.grasping.grasp_state import GiveUp
-from drake_pregrasp.systems.squeeze_program import plan_squeeze
+from drake_pregrasp.systems.grasp_sequencer import lift_load
+from drake_pregrasp.systems.squeeze_program import plan_lift
 
 _TIMES = 200  # Times at which the joints of a carrier are compared with their limits.
 _WRIST = 3  # Index of the joint of a carrier that turns.
 _REACHED = 0.002  # Largest distance of a fingertip from its place that counts as there, in metres.
-_HALVINGS = 8  # Halvings of the weight's share that torques hold.
+_HALVINGS = 8  # Halvings of the load's share that torques hold.
+_REST = np.zeros(3)
 
 
 def check_palm(
@@ -168,8 +170,9 @@ def check_torques(
     start: StartContacts,
     X_WO: RigidTransform,
     mass: float,
+    v_W: FloatArray = _REST,
 ) -> None:
-    """Checks that the joints of the fingers are strong enough to hold an object at rest.
+    """Checks that the joints of the fingers are strong enough to stop and lift an object.
 
     Nothing is checked if a finger cannot be placed at its start contact, from which it may move.
 
@@ -180,10 +183,11 @@ def check_torques(
         start: Start contacts.
         X_WO: Initial pose of the object.
         mass: Mass of the object, in kg.
+        v_W: Velocity of the object before the hand stops it, in W, shape (3,), in m/s.
 
     Raises:
-        NoGraspError: If no squeeze at the start contacts balances the weight within the torques,
-            but one would without these limits.
+        NoGraspError: If no squeeze at the start contacts balances the largest load of the lift
+            within the torques, but one would without these limits.
     """
     R_OW, p_OCoM, fingers = X_WO.rotation().matrix().T, surface.p_OCoM, start.has_contact
     p_OC, efforts, columns = start.p_OC[fingers], [], []
@@ -200,18 +204,16 @@ def check_torques(
         columns.append(R_OU @ jacobians[0])
     J_OT = np.stack(np.split(block_diag(*columns), len(columns)))
     settings = config.make_settings(hand.description.fingertips)
-    weight = GRAVITY * mass
+    load, stop = lift_load(mass, settings, config.lift_axis, v_W)
 
     def lack(share: float) -> GiveUp:
-        """Returns what is missing to balance a share of the weight."""
-        squeeze = plan_squeeze(
-            p_OC - p_OCoM,
-            nhat,
-            np.append(-share * weight * R_OW[:, 2], np.zeros(3)),
+        """Returns what is missing to balance a share of the load."""
+        squeeze = plan_lift(
+            *(p_OC - p_OCoM, nhat, fingers, settings),
+            load=share * R_OW @ load,
+            stop=share * R_OW @ stop,
             friction=config.planned_friction,
-            least_normal=min(settings.least_force, 2 * settings.touch_force),
-            largest_normal=np.broadcast_to(settings.largest_force, fingers.shape)[fingers],
-            patch_radii=hand.description.patch_radii[fingers],
+            patch_radii=hand.description.patch_radii,
             jacobians=J_OT,
             efforts=np.concatenate(efforts),
         )
@@ -222,8 +224,10 @@ def check_torques(
     held = 0.0
     for power in range(1, _HALVINGS):
         held += 0.5**power * (lack(held + 0.5**power) == GiveUp.NONE)
-    holds = f"the torques of the hand's joints hold {held * weight:.3g} N at the start contacts"
-    raise NoGraspError(Lack.TORQUE, f"{holds}, and {mass:g} kg weigh {weight:.3g} N")
+    needed = float(np.linalg.norm(load))
+    holds = f"the torques of the hand's joints hold {held * needed:.3g} N at the start contacts"
+    weigh = f"{mass:g} kg weigh {GRAVITY * mass:.3g} N and need {needed:.3g} N in the lift"
+    raise NoGraspError(Lack.TORQUE, f"{holds}, and {weigh}")
 
 
 def yaw_matrix(yaw: float) -> FloatArray:

@@ -198,7 +198,7 @@ def AddHandController(
 
     Raises:
         NoGraspError: If contacts are to be chosen, but there is no grasp, as where an arm cannot
-            hold the palm at the object, or the torques of the hand's joints do not hold the weight.
+            hold the palm at the object, or the torques of the hand's joints cannot lift the weight.
         InvalidArgumentError: If an argument has another type or is out of its range, settings do
             not go together, the hand and its model, the robot in the plant, or given contacts and
             the fingers, do not match, an arm cannot hold the palm over given contacts, or the

@@ -215,8 +215,11 @@ def _resolved(
     raise_first(scenario_check.limit_problems(scenario, planner.limits, count, surface))
     if model is not None:
         with errors_at("object.mass"):
-            mass, grasp = scenario.object.mass, scenario.grasp
-            feasibility.check_torques(model, grasp, surface, start, X_WO, mass)
+            mass, grasp, v_W = scenario.object.mass, scenario.grasp, np.zeros(3)
+            if isinstance(motion, Conveyor):
+                rest = grasp.earliest_rest(model.description.fingertips)
+                v_W[0] = VelocityProfile(motion.velocities()).at(rest)[1][0]
+            feasibility.check_torques(model, grasp, surface, start, X_WO, mass, v_W)
     raise_first(scenario_check.engine_problems(scenario))
     raise_first(scenario_check.drake_problems(scenario, plant_config))
     return ResolvedScenario(

@@ -23,6 +23,7 @@ from drake_pregrasp.grasping.grasp_state import (
     BASE,
     NOT_BLOCKED,
     GraspPhase,
+    GraspSettings,
     GraspState,
     Squeeze,
     state_unpacker,
@@ -374,16 +375,16 @@ class GraspSequencer(LeafSystem):
             p_OC = p_GT - heights[:, None] * nhat
         command: GraspCommand = self._command.Eval(context)
         R_WG, settings = command.R_WG, self._settings  # Contacts and forces are in G.
-        lift = settings.lift_acceleration * self._lift_axis
-        stop = -(command.V_WG[1] + settings.squeeze_duration * self._fall) / settings.stop_duration
+        v_W = command.V_WG[1] + settings.squeeze_duration * self._fall
+        load, stop = lift_load(self._mass, settings, self._lift_axis, v_W)
         jacobians = None
         if self._J_WT.HasValue(context):
             J_WT = validated_numbers(self._J_WT.Eval(context)).reshape(len(active), 3, -1)[active]
             jacobians = R_WG.T @ J_WT if np.all(np.isfinite(J_WT)) else None
         return plan_lift(
             *(p_OC - self._p_OCoM, nhat, active, settings),
-            load=-self._mass * (GRAVITY * _UP + stop + lift) @ R_WG,
-            stop=-self._mass * stop @ R_WG,
+            load=load @ R_WG,
+            stop=stop @ R_WG,
             friction=self._config.planned_friction,
             patch_radii=self._patch_radii,
             jacobians=jacobians,
@@ -393,3 +394,21 @@ class GraspSequencer(LeafSystem):
     def _calc_report(self, context: Context) -> list[float]:
         state: GraspState = self._grasp.Eval(context)
         return [state.phase, state.since, state.reason, state.detail]
+
+
+def lift_load(
+    mass: float, settings: GraspSettings, lift_axis: FloatArray, v_W: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Returns weight and inertia of an object that a hand stops and lifts, in W, in newtons.
+
+    Args:
+        mass: Mass of the object, in kg.
+        settings: Settings of the grasp.
+        lift_axis: Unit vector along which the hand lifts, in W, shape (3,).
+        v_W: Velocity of the object before the stop, in W, shape (3,), in m/s.
+
+    Returns:
+        The largest load, and its part while the hand stops, shape (3,) each.
+    """
+    stop, lift = -v_W / settings.stop_duration, settings.lift_acceleration * lift_axis
+    return -mass * (GRAVITY * _UP + stop + lift), -mass * stop
