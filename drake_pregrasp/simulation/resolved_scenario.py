@@ -365,6 +365,9 @@ def _check_base(
 ) -> None:
     """Raises an error unless the hand can hold its palm at the object at all times, and lift it.
 
+    A carrier must follow a conveyor until the earliest time of rest only. Mostly, it waits for no
+    finger, and has lifted the object before the latest one.
+
     Args:
         scenario: Scenario of the grasp.
         hand: Model of the hand with its approach.
