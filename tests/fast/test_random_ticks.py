@@ -9,6 +9,7 @@ from selections import joined
 from thin_cup import CUP
 
 from drake_pregrasp import BoxSolid, ForbiddenPoints, box_surface, mesh_surface
+from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.contacts.centroids import select_contacts
 from drake_pregrasp.contacts.contact_pairs import Pair
 from drake_pregrasp.contacts.goal_limits import ContactLimits
@@ -235,7 +236,7 @@ def test_a_tick_is_that_of_the_reference(
         weights = dict(zip(STRATEGIES, rng.choice([0.0, 1.0, 3.0], len(STRATEGIES)), strict=True))
         weights["gii"] += 0.5
     options = {"reading": reading, "contact_model": contact_model, "length": length}
-    options |= {"power": power, "stretch": stretch}
+    options |= {"power": power, "stretch": stretch, "friction": PlannerConfig.friction}
     limits = ContactLimits()
     if "limits" in has:
         pairs = (Pair(0, 1, 0.03),) if n > 1 and rng.random() < 0.5 else ()
