@@ -6,7 +6,7 @@ import numpy as np
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.contacts.contact_pairs import OppositePoints, Pair
-from drake_pregrasp.contacts.hand_over_object import HandOverObject
+from drake_pregrasp.contacts.hand_above_object import HandAboveObject
 from drake_pregrasp.contacts.tipping import tipping_shares
 from drake_pregrasp.geometry.mesh_surface import INTRUSION, mean_slopes
 from drake_pregrasp.geometry.solids import EVERYWHERE, SignedDistance, rounded_box_distances
@@ -53,7 +53,7 @@ class StartCandidates:
     """
 
     def __init__(
-        self, surface: ObjectSurface, solid: SignedDistance, hand: HandOverObject, most: int
+        self, surface: ObjectSurface, solid: SignedDistance, hand: HandAboveObject, most: int
     ) -> None:
         index = np.flatnonzero(surface.is_clear_of_forbidden_points)
         if len(index) > most:

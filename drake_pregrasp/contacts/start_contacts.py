@@ -8,7 +8,7 @@ from scipy.spatial.distance import pdist
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.contacts.assignment import palm_turn
-from drake_pregrasp.contacts.hand_over_object import HandOverObject, StartContacts
+from drake_pregrasp.contacts.hand_above_object import HandAboveObject, StartContacts
 from drake_pregrasp.contacts.start_candidates import AWAY, TIE, StartCandidates
 from drake_pregrasp.errors import Lack, NoGraspError
 from drake_pregrasp.geometry.solids import SignedDistance
@@ -37,7 +37,7 @@ _DIGITS = 6  # Decimals of compared scores: rounding must not choose between equ
 
 
 def choose_start_contacts(
-    surface: ObjectSurface, solid: SignedDistance, hand: HandOverObject
+    surface: ObjectSurface, solid: SignedDistance, hand: HandAboveObject
 ) -> StartContacts:
     """Returns the start contacts of a hand on an object.
 
@@ -120,7 +120,7 @@ class _Search:
         self,
         surface: ObjectSurface,
         solid: SignedDistance,
-        hand: HandOverObject,
+        hand: HandAboveObject,
         most: int,
         sweeps: int,
     ) -> None:

@@ -9,7 +9,7 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import ABOVE, SIDE, GraspConfig
 from drake_pregrasp.config.hand_description import Arm
-from drake_pregrasp.contacts.hand_over_object import StartContacts
+from drake_pregrasp.contacts.hand_above_object import StartContacts
 from drake_pregrasp.diagrams.hand_model import HandModel, made_hand
 from drake_pregrasp.errors import InvalidArgumentError, Lack, NoGraspError
 from drake_pregrasp.geometry.solids import HalfSpace, Solid

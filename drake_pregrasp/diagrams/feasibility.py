@@ -10,7 +10,7 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.object_config import GRAVITY
 from drake_pregrasp.contacts.assignment import FREE_TURN
-from drake_pregrasp.contacts.hand_over_object import StartContacts
+from drake_pregrasp.contacts.hand_above_object import StartContacts
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.palm_base import PalmCarrier
 from drake_pregrasp.errors import InvalidArgumentError, Lack, NoGraspError

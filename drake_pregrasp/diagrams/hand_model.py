@@ -93,7 +93,7 @@ class HandModel:
             self.kinematics,
             self.diagram.scene_graph().model_inspector(),
             self.base,
-            self.base.placed(self.fingers_home),
+            self.base.at_home(self.fingers_home),
             self.tip_radii,
             radius=extent + float(np.max(self.tip_radii)) + offset,
         )
@@ -163,7 +163,7 @@ class HandModel:
         Raises:
             InvalidArgumentError: If an arm cannot hold the palm there.
         """
-        return self.base.posed(self.fingers_home, p_WCoM, yaw)
+        return self.base.with_palm_over(self.fingers_home, p_WCoM, yaw)
 
     def yaw_range(self, asked: tuple[float, float] = FREE_TURN) -> tuple[float, float]:
         """Returns the palm's smallest and largest angle, in radians.

@@ -264,7 +264,7 @@ def _with_homes(
         names: Names of the joints of each finger.
     """
     model = HandModel(first, model=source)
-    q = model.base.placed(model.fingers_home)
+    q = model.base.at_home(model.fingers_home)
     plant = model.kinematics.plant
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, q)
@@ -300,7 +300,7 @@ def _with_arm_home(description: HandDescription, source: CheckedModel) -> HandDe
     base, plant = model.base, model.kinematics.plant
     assert isinstance(base, PalmArm)
     context, place = plant.CreateDefaultContext(), usual_place(model)
-    middle, half = base.placed(model.fingers_home), (base.upper - base.lower) / 2
+    middle, half = base.at_home(model.fingers_home), (base.upper - base.lower) / 2
     for yaw in HOME_YAWS:
         X_WP, random, found = base.palm_goal(place, yaw), np.random.default_rng(0), []
         for start in range(_STARTS):

@@ -64,7 +64,7 @@ class PalmCarrier:
                     " z come first, then a revolute one about z"
                 )
 
-    def posed(self, q: FloatArray, p_WCoM: FloatArray, yaw: float) -> FloatArray:
+    def with_palm_over(self, q: FloatArray, p_WCoM: FloatArray, yaw: float) -> FloatArray:
         """Returns positions with the palm over an object and the fingers as in q, shape (nq,).
 
         Args:
@@ -72,14 +72,14 @@ class PalmCarrier:
             p_WCoM: Centre of mass of the object in W, shape (3,), in metres.
             yaw: Yaw of the palm, in radians.
         """
-        return self.posture(q, p_WCoM, yaw)
+        return self.rest_posture(q, p_WCoM, yaw)
 
-    def placed(self, q: FloatArray) -> FloatArray:
+    def at_home(self, q: FloatArray) -> FloatArray:
         """Returns positions with the palm at home and the fingers as in q, shape (nq,)."""
-        return self.posed(q, np.zeros(3), 0.0)
+        return self.with_palm_over(q, np.zeros(3), 0.0)
 
-    def posture(self, home: FloatArray, p_WL: FloatArray, yaw: float) -> FloatArray:
-        """See `PalmBase`."""
+    def rest_posture(self, home: FloatArray, p_WL: FloatArray, yaw: float) -> FloatArray:
+        """See `systems.differential_kinematics.PalmBase`."""
         posture = np.array(home, dtype=float)
         x, y, z = self._R_AL @ p_WL + self.p_AL
         posture[self.joints] = x, y, z, yaw
@@ -122,7 +122,7 @@ class PalmArm:
         self.X_AP = RigidTransform(RollPitchYaw(config.palm_rpy), config.palm_position)
         self._home = np.array(config.home)
         context = self._plant.CreateDefaultContext()
-        self._plant.SetPositions(context, self.placed(self._plant.GetPositions(context)))
+        self._plant.SetPositions(context, self.at_home(self._plant.GetPositions(context)))
         self.X_AW = self.X_AP @ self.palm_pose(context).inverse()
 
     def palm_pose(self, plant_context: Context) -> RigidTransform:
@@ -157,7 +157,7 @@ class PalmArm:
         after[self.joints] = np.clip(after[self.joints] + step, self.lower, self.upper)
         return after
 
-    def posed(self, q: FloatArray, p_WCoM: FloatArray, yaw: float) -> FloatArray:
+    def with_palm_over(self, q: FloatArray, p_WCoM: FloatArray, yaw: float) -> FloatArray:
         """Returns positions with the palm over an object and the fingers as in q, shape (nq,).
 
         Args:
@@ -171,7 +171,7 @@ class PalmArm:
         X_WP, errors = self.palm_goal(p_WCoM, yaw), []
         context, random = self._plant.CreateDefaultContext(), np.random.default_rng(0)
         low, high = np.maximum(self.lower, -np.pi), np.minimum(self.upper, np.pi)
-        posed = home = self.placed(q)
+        posed = home = self.at_home(q)
         for _ in range(_STARTS):
             for _ in range(_STEPS):
                 before, posed = posed, self.step_to(context, posed, X_WP, home)
@@ -192,18 +192,18 @@ class PalmArm:
             miss,
         )
 
-    def placed(self, q: FloatArray) -> FloatArray:
+    def at_home(self, q: FloatArray) -> FloatArray:
         """Returns positions with the arm at home and the fingers as in q, shape (nq,)."""
         home = np.array(q, dtype=float)
         home[self.joints] = self._home
         return home
 
-    def posture(self, home: FloatArray, p_WL: FloatArray, yaw: float) -> FloatArray:
-        """See `PalmBase`."""
-        return self.placed(home)
+    def rest_posture(self, home: FloatArray, p_WL: FloatArray, yaw: float) -> FloatArray:
+        """See `systems.differential_kinematics.PalmBase`."""
+        return self.at_home(home)
 
     def palm_goal(self, p_WL: FloatArray, yaw: float) -> RigidTransform:
-        """See `PalmBase`."""
+        """See `systems.differential_kinematics.PalmBase`."""
         return turned_frame(p_WL, self._X_LA, yaw) @ self.X_AP
 
 

@@ -61,7 +61,7 @@ def base_pose(hand: HandModel, robot: HandInstances) -> RigidTransform:
     """
     for problem in _problems(hand, robot):
         raise InvalidArgumentError(f"robot: {problem}")
-    q = hand.base.placed(hand.fingers_home)
+    q = hand.base.at_home(hand.fingers_home)
     tip = hand.instances.frame(hand.description.fingertips[0].frame, "fingertips[0].frame").body()
     X_WL, X_WL_own = _poses(hand, robot, q)[tip.index()]
     X_WB = X_WL @ X_WL_own.inverse() @ hand.X_WB

@@ -15,7 +15,7 @@ from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.object_config import GRAVITY
 from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.contacts.assignment import assign_fingers_round, make_room, palm_turn
-from drake_pregrasp.contacts.hand_over_object import HandOverObject, StartContacts
+from drake_pregrasp.contacts.hand_above_object import HandAboveObject, StartContacts
 from drake_pregrasp.contacts.start_contacts import choose_start_contacts
 from drake_pregrasp.diagrams.approaches import Approach, best_approach, table_height
 from drake_pregrasp.diagrams.feasibility import palm_problem, yaw_matrix
@@ -146,7 +146,7 @@ def _chosen_contacts(
         problem_at,
         surface,
         solid,
-        HandOverObject(
+        HandAboveObject(
             constraints_at=_start_constraints(
                 hand, limits, X_WO, fixed, yaw_range, p_OCoM, measures
             ),
@@ -185,7 +185,7 @@ def _contacts_or_reason(
     palm_problem: Callable[[float], InvalidArgumentError | None],
     surface: ObjectSurface,
     solid: SignedDistance,
-    hand: HandOverObject,
+    hand: HandAboveObject,
 ) -> StartContacts:
     """Returns the start contacts of a hand, or raises an error that says what is missing.
 

@@ -153,7 +153,7 @@ def hand_page(model: HandModel) -> str:
     MeshcatVisualizer.AddToBuilder(builder.builder(), builder.scene_graph(), meshcat)
     diagram = builder.Build()
     context, plant = diagram.CreateDefaultContext(), diagram.plant()
-    plant.SetPositions(plant.GetMyContextFromRoot(context), model.base.placed(model.fingers_home))
+    plant.SetPositions(plant.GetMyContextFromRoot(context), model.base.at_home(model.fingers_home))
     diagram.ForcedPublish(context)
     X_WA = model.base.X_AW.inverse()
     meshcat.SetObject("object", Sphere(OBJECT_RADIUS), _OBJECT_COLOR)

@@ -23,7 +23,7 @@ from drake_pregrasp.config.object_config import (
 )
 from drake_pregrasp.config.planner_config import MeasuresConfig, PlannerConfig
 from drake_pregrasp.contacts.assignment import assign_fingers, palm_turn, ring_contacts
-from drake_pregrasp.contacts.hand_over_object import StartContacts
+from drake_pregrasp.contacts.hand_above_object import StartContacts
 from drake_pregrasp.diagrams import feasibility, start_grasp
 from drake_pregrasp.diagrams.approaches import Approach, approaching_hands
 from drake_pregrasp.diagrams.expected_path import Motion, expected_poses, initial_pose, read_motion

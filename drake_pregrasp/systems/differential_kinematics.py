@@ -36,7 +36,7 @@ class PalmBase(Protocol):
 
     Attributes:
         palm_frame: Scoped name of the palm's frame P, which follows `palm_goal`; empty for axes
-            whose positions are the palm's goal, and follow `posture`.
+            whose positions are the palm's goal, and follow `rest_posture`.
     """
 
     palm_frame: str
@@ -44,7 +44,7 @@ class PalmBase(Protocol):
     def palm_goal(self, p_WL: FloatArray, yaw: float) -> RigidTransform:
         """Returns the pose of P over a point L on the palm's axis, turned by a yaw."""
 
-    def posture(self, home: FloatArray, p_WL: FloatArray, yaw: float) -> FloatArray:
+    def rest_posture(self, home: FloatArray, p_WL: FloatArray, yaw: float) -> FloatArray:
         """Returns the positions that joints move toward, with fingers as at home, shape (nq,)."""
 
 
@@ -242,7 +242,7 @@ class DifferentialKinematics(LeafSystem):
             V_WP[3:] = self._pace.limited(V_WP[None, 3:], (J_WP[3:] @ v_last)[None])[0]
             share = 1.0 if command.fingers_hold.any() else _PALM_SHARE
             J, V = np.concatenate([J, share * J_WP]), np.concatenate([V, share * V_WP])
-        v_posture = GAIN * (self._base.posture(self._home, p_WL, yaw) - q)
+        v_posture = GAIN * (self._base.rest_posture(self._home, p_WL, yaw) - q)
         clear = self._scene.clearances(placed, pose, command, self._rate)
         return kernels.next_velocities(q, v_last, J, V, v_posture, self._limits, clear)
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.contacts.assignment import palm_turn, ring_contacts
 from drake_pregrasp.contacts.goal_limits import tip_gaps
-from drake_pregrasp.contacts.hand_over_object import HandOverObject
+from drake_pregrasp.contacts.hand_above_object import HandAboveObject
 from drake_pregrasp.contacts.start_contacts import choose_start_contacts
 from drake_pregrasp.contacts.tipping import tipping_shares
 from drake_pregrasp.errors import Lack, NoGraspError
@@ -80,7 +80,7 @@ def hand_over(shape, *, turn=0.0, half_angle=1.13, mass=0.3, reaches=None, tip=T
         "touch_force": 0.525,
         "yaw": turn,
     }
-    return HandOverObject(**values | changes)
+    return HandAboveObject(**values | changes)
 
 
 def chosen(shape, surface=None, **options):

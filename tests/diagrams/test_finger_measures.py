@@ -33,7 +33,7 @@ MEASURES = FingerMeasures.around(
 def drake_finger(hand, finger, q_own):
     """The fingertip's centre and the Jacobian of its own joints in A, by Drake."""
     kinematics, own = hand.kinematics, hand.kinematics.own_joints(finger)
-    q = hand.base.placed(hand.fingers_home)
+    q = hand.base.at_home(hand.fingers_home)
     q[own] = q_own
     plant, frame = kinematics.plant, kinematics.frames[finger]
     context, world = plant.CreateDefaultContext(), plant.world_frame()

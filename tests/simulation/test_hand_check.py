@@ -26,7 +26,7 @@ def palm_axis(model):
     first = model.instances.moving_joints()[model.kinematics.own_joints(0)[0]]
     plant = model.kinematics.plant
     context = plant.CreateDefaultContext()
-    plant.SetPositions(context, model.base.placed(model.fingers_home))
+    plant.SetPositions(context, model.base.at_home(model.fingers_home))
     R_WP = first.parent_body().EvalPoseInWorld(context).rotation()
     return (model.base.X_AW.rotation() @ R_WP).matrix()[2]
 
@@ -87,11 +87,11 @@ def test_an_arm_and_a_hand_with_equal_names_are_proposed_over_an_object(tmp_path
     model = HandModel(own)
     places = [model.base.palm_goal(np.array([0.0, 0.0, 0.05]), yaw) for yaw in HOME_YAWS]
     context = model.kinematics.plant.CreateDefaultContext()
-    model.kinematics.plant.SetPositions(context, model.base.placed(model.fingers_home))
+    model.kinematics.plant.SetPositions(context, model.base.at_home(model.fingers_home))
     palm = model.base.palm_pose(context)
     assert any(palm.IsNearlyEqualTo(place, 2e-3) for place in places)
     # Without limits of joints' accelerations, the fingertips limit that of the palm.
-    limits = palm_limits(model, model.base.placed(model.fingers_home), tip_acceleration=5.0)
+    limits = palm_limits(model, model.base.at_home(model.fingers_home), tip_acceleration=5.0)
     np.testing.assert_allclose(limits.acceleration, 3.0)
 
 

@@ -355,7 +355,7 @@ class ArmOfAxes:
         plant.SetPositions(context, HOME)
         self.X_LP = RigidTransform(-P_WO) @ plant.GetFrameByName("palm").CalcPoseInWorld(context)
 
-    def posture(self, home, p_WL, yaw):
+    def rest_posture(self, home, p_WL, yaw):
         return HOME
 
     def palm_goal(self, p_WL, yaw):
@@ -366,7 +366,7 @@ class ArmOfAxes:
 
 def resting_hand(**commanded):
     """A hand at Q, with goals there, after a tick."""
-    p_WL = HAND.base.posed(Q, np.zeros(3), 0.0)[:3]  # With the carrier's height.
+    p_WL = HAND.base.with_palm_over(Q, np.zeros(3), 0.0)[:3]  # With the carrier's height.
     goals = hand_goals(HAND.tips_at(Q), p_WL=Q[:3] - p_WL, yaw=Q[3])
     command = grasp_command(AFAR, **commanded)
     system = make_kinematics(initial=Q, home=np.append(np.zeros(4), Q[4:]))

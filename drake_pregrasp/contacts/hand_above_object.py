@@ -12,7 +12,7 @@ from drake_pregrasp.regions.constraints import RegionConstraints
 
 
 @dataclass(frozen=True, eq=False)
-class HandOverObject:
+class HandAboveObject:
     """A hand with its palm over an object, as far as its start contacts depend on it.
 
     Attributes:
