@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pydrake.geometry import SceneGraphInspector
 from pydrake.math import RollPitchYaw, RotationMatrix
-from pydrake.multibody.tree import Joint, JointActuator, RigidBody
+from pydrake.multibody.tree import Joint, JointActuator, PrismaticJoint, RigidBody
 from pydrake.planning import RobotDiagram, RobotDiagramBuilder
 
 from drake_pregrasp.arrays import FloatArray
@@ -35,14 +35,18 @@ from drake_pregrasp.systems.palm_frames import pose_error
 
 _ARM_JOINTS = 6  # Least number of an arm.
 _SLAB = 0.01  # Length of the end of a link that is its fingertip, in metres.
+_PAD = 0.02  # Length of the end of a jaw that is its pad, in metres.
+_FLUSH = 0.2  # Largest angle between a pad and the surface that it touches, in radians.
 _LEAST_RADIUS, _LARGEST_RADIUS = 0.003, 0.03  # Of a fingertip, in metres.
 _HALF_ANGLE = 1.1  # Of a proposed reach, in radians.
 _ANYWHERE = SectorReach(half_angle=np.pi, incidence=np.pi)
+_SLIDE = Drive(stiffness=1000.0, damping=70.0, rotor_inertia=1.0, effort=40.0)  # As gripper.sdf.
 _ARM_STIFFNESS, _ARM_DAMPING = 100.0, 7.0  # Over the effort of a joint, in 1/rad and s/rad.
 _ARM_INERTIA, _ARM_EFFORT = 0.1, 50.0  # Of a joint of an arm, in kg m² and N m.
 _STARTS = 20  # Number of positions of an arm from which its home is sought.
 _ARM_STEPS = 200  # Largest number of steps from each of them.
 _NEAR_BASE = 0.25  # Distance from an arm's base within which no object is expected, in metres.
+_TIE = 5e-4  # Depth of the points of a face, in metres.
 _STILL = 1e-6  # Largest step of a joint that ends them, in radians.
 _ARRIVED = 1e-3  # Error of a palm that is held there, in metres and radians.
 _PLACE = (0.5, 0.0, 0.05)  # Place of an object relative to such a base, in metres.
@@ -110,12 +114,18 @@ def _chains(
             " more, each with joints of its own"
         )
     inspector, chains = diagram.scene_graph().model_inspector(), []
-    for index, (end, own) in enumerate(zip(ends, is_own, strict=True)):
-        links = [b for b in hand.bodies() if np.array_equal(moves[b.index()], end)]
+    links = [[b for b in hand.bodies() if np.array_equal(moves[b.index()], end)] for end in ends]
+    balls = [_balls(hand, inspector, own) for own in links]
+    middle = np.mean([np.mean(own[:, :3], axis=0) for own in balls], axis=0)
+    for index, own in enumerate(is_own):
         mine = [joints[int(j)] for j in np.flatnonzero(own)]
-        tip = _fingertip(hand, inspector, links, mine[-1], f"tip_{index}")
+        tip = _fingertip(hand, links[index], balls[index], mine, middle, f"tip_{index}")
         chains.append(_Chain(mine, replace(tip, home=[_middle(joint) for joint in mine])))
     return chains, [joints[int(j)] for j in np.flatnonzero(np.all(ends, axis=0))]
+
+
+def _slides(joint: Joint) -> bool:
+    return bool(joint.type_name() == PrismaticJoint.kTypeName)
 
 
 def _limits(joint: Joint) -> tuple[float, float]:
@@ -133,24 +143,39 @@ def _middle(joint: Joint) -> float:
     return (low + high) / 2 if np.isfinite(high - low) else _zero(joint)
 
 
-def _fingertip(
-    hand: HandInstances,
-    inspector: SceneGraphInspector,
-    links: Sequence[RigidBody],
-    last: Joint,
-    name: str,
-) -> Fingertip:
-    """Returns the fingertip at the end of the last links of a finger."""
-    plant, context = hand.plant, hand.plant.CreateDefaultContext()
-    p_WJ = last.frame_on_child().CalcPoseInWorld(context).translation()
+def _balls(
+    hand: HandInstances, inspector: SceneGraphInspector, links: Sequence[RigidBody]
+) -> FloatArray:
+    """Returns the centres in W and the radii of `link_balls` of links, shape (k, 4), in metres."""
+    context = hand.plant.CreateDefaultContext()
     balls = [np.append(link.EvalPoseInWorld(context).translation(), 0.0) for link in links]
     for link in links:
-        for geometry in plant.GetCollisionGeometriesForBody(link):
+        for geometry in hand.plant.GetCollisionGeometriesForBody(link):
             own = link_balls(inspector, geometry)
             balls += list(
                 np.column_stack([(link.EvalPoseInWorld(context) @ own[:, :3].T).T, own[:, 3]])
             )
-    center, radius = _end(np.array(balls), p_WJ)
+    return np.array(balls)
+
+
+def _fingertip(
+    hand: HandInstances,
+    links: Sequence[RigidBody],
+    balls: FloatArray,
+    joints: Sequence[Joint],
+    middle: FloatArray,
+    name: str,
+) -> Fingertip:
+    """Returns the fingertip at the end of the last links of a finger, toward a middle of all."""
+    plant, context = hand.plant, hand.plant.CreateDefaultContext()
+    frame_J = joints[-1].frame_on_child()
+    p_WJ = frame_J.CalcPoseInWorld(context).translation()
+    center, radius = _end(balls, p_WJ)
+    if len(joints) == 1 and _slides(joints[0]) and not balls[:, 3].any():
+        R_WJ = frame_J.CalcPoseInWorld(context).rotation().matrix()
+        axis = R_WJ @ joints[0].translation_axis()
+        inward = axis * np.sign(axis @ (middle - np.mean(balls[:, :3], axis=0)))
+        center, radius = _pad(balls[:, :3], p_WJ, inward)
     for link in links:
         instance = link.model_instance()
         for frame_name in frame_names(plant, instance):
@@ -190,6 +215,26 @@ def _end(balls: FloatArray, p_WJ: FloatArray) -> tuple[FloatArray, float]:
     return middle + ((places[end] - middle) @ along - radius) * along, radius
 
 
+def _pad(places: FloatArray, p_WJ: FloatArray, inward: FloatArray) -> tuple[FloatArray, float]:
+    """Returns the centre and the radius of a ball that touches the middle of a jaw's inner face.
+
+    Args:
+        places: Points of the jaw's surface, shape (k, 3), in metres.
+        p_WJ: Origin of its joint, shape (3,), in metres.
+        inward: Unit vector in which it closes, shape (3,).
+    """
+    along = np.mean(places, axis=0) - p_WJ
+    along = along - (along @ inward) * inward
+    along = along / max(float(np.linalg.norm(along)), 1e-9)
+    axes = np.array([along, np.cross(inward, along), inward])
+    x, _, z = local = axes @ places.T
+    end = x >= np.max(x) - _PAD
+    face = local[:, end & (z >= np.max(z[end]) - _TIE)]
+    radius = np.clip(np.min(np.ptp(face[:2], axis=1)) / 2, _LEAST_RADIUS, _LARGEST_RADIUS)
+    middle = (np.max(face, axis=1) + np.min(face, axis=1)) / 2
+    return axes.T @ (middle - [0.0, 0.0, radius]), round(float(radius), 4)
+
+
 def _base(
     model: str, hand: HandInstances, shared: list[Joint], chains: Sequence[_Chain]
 ) -> tuple[BaseConfig, list[Joint]]:
@@ -223,14 +268,16 @@ def _drives(
     if all(a is not None and a.has_controller() for a in own) and not has_mount:
         return []
     kinds: dict[tuple[float, ...], list[str]] = {}
-    by_default: dict[float, list[str]] = {}
+    by_default: dict[str, list[str]] = {}
     for joint, actuator in zip(joints, own, strict=True):
-        drive, name = _drive(actuator, is_arm=joint in carrying), hand.name_of(joint)
+        name, usual = hand.name_of(joint), _SLIDE if _slides(joint) else Drive()
+        drive = _drive(actuator, usual, is_arm=joint in carrying)
         kinds.setdefault(drive, []).append(name)
         if actuator is None or not np.isfinite(actuator.effort_limit()):
-            by_default.setdefault(drive[-1], []).append(name)
+            effort = f"{drive[-1]:g} {'N' if _slides(joint) else 'N m'}"
+            by_default.setdefault(effort, []).append(name)
     for effort, names in by_default.items():
-        words = "%s: effort %g N m by default; in a URDF, Drake reads it only with a <transmission>"
+        words = "%s: effort %s by default; in a URDF, Drake reads it only with a <transmission>"
         logging.getLogger(__name__).warning(words, ", ".join(names), effort)
     drives = [Drive(names, *values) for values, names in kinds.items()]
     most = max(range(len(drives)), key=lambda i: len(drives[i].joints))
@@ -238,9 +285,10 @@ def _drives(
     return drives
 
 
-def _drive(actuator: JointActuator | None, *, is_arm: bool) -> tuple[float, float, float, float]:
+def _drive(
+    actuator: JointActuator | None, usual: Drive, *, is_arm: bool
+) -> tuple[float, float, float, float]:
     """Returns stiffness, damping, rotor inertia and effort of a joint's drive."""
-    usual = Drive()
     effort = _ARM_EFFORT if is_arm else usual.effort
     if actuator is not None and np.isfinite(actuator.effort_limit()):
         effort = float(actuator.effort_limit())
@@ -268,12 +316,13 @@ def _with_homes(
     plant = model.kinematics.plant
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, q)
-    fingers = []
+    fingers, flush = [], list[dict[str, float]]()
     for chain, tip, own in zip(model.fingers.chains, first.fingertips, names, strict=True):
         joints = [model.instances.joint(name, "fingertips") for name in own]
         p_WJ = [j.frame_on_child().CalcPoseInWorld(context).translation() for j in joints]
         origins = (model.base.X_AW @ np.array(p_WJ).T).T
         fingers.append(Finger(chain, origins, tip.radius))
+        flush.append({"incidence": _FLUSH} if len(joints) == 1 and _slides(joints[0]) else {})
     is_fixed = isinstance(first.base, Carrier) and not first.base.mount.link
     axes = np.eye(3)[2:] if is_fixed else _SIDES
     grip = find_grip(fingers, list(axes), on_axis=is_fixed)
@@ -283,10 +332,10 @@ def _with_homes(
         replace(
             tip,
             home=_rounded(home),
-            reach=SectorReach(round(float(np.arctan2(p[1], p[0])), 3), _HALF_ANGLE),
+            reach=SectorReach(round(float(np.arctan2(p[1], p[0])), 3), _HALF_ANGLE, **incidence),
             patch_radius=tip.radius if len(home) == 1 else 0.0,
         )
-        for tip, home, p in zip(first.fingertips, grip.homes, p_HT, strict=True)
+        for tip, home, p, incidence in zip(first.fingertips, grip.homes, p_HT, flush, strict=True)
     ]
     base = _placed(first.base, R_HP, -(R_HP @ grip.center))
     return _with_arm_home(replace(first, base=base, fingertips=tips), source)
