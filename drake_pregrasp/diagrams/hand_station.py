@@ -16,6 +16,7 @@ from drake_pregrasp.diagrams.hand_instances import (
     set_default_positions,
 )
 from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.diagrams.object_contact import make_compliant
 from drake_pregrasp.diagrams.object_plant import DRAKE, ForceMakers, add_moving_object
 from drake_pregrasp.diagrams.wiring import connect, export_inputs
 from drake_pregrasp.estimation.recorded_poses import RecordedPoses
@@ -110,12 +111,16 @@ class HandStation(Diagram):
         super().__init__()
         builder, models = DiagramBuilder(), list[ModelInstanceIndex]()
         links, joints = dict[GeometryId, HandLink](), list[Joint]()
+        is_pad = hand.description.patch_radii > 0
 
         def separate(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
             instances = HandInstances(plant, models)
             joints.extend(instances.moving_joints())
             set_default_positions(joints, initial)
             links.update(hand.separate_links(instances, scene_graph))
+            # At points of contact, friction would not resist twisting, as that of a pad does.
+            pads = [g for g, link in links.items() if link.is_tip and is_pad[link.finger]]
+            make_compliant(plant, scene_graph, pads)
 
         self.plant, self.scene_graph, X_WO, self.dynamics = add_moving_object(
             builder,

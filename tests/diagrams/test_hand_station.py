@@ -1,5 +1,6 @@
 """A plant with object and hand: what collides, forces of links, the loop with a controller."""
 
+import re
 from itertools import combinations
 
 import numpy as np
@@ -9,8 +10,10 @@ from five_finger_hand import HAND
 from pydrake.multibody.plant import MultibodyPlantConfig
 
 from drake_pregrasp import Box, Conveyor, GraspConfig, HandStation
+from drake_pregrasp.diagrams.hand_model import made_hand
 from drake_pregrasp.diagrams.object_plant import TABLE
-from drake_pregrasp.simulation.hand_file import HandFile
+from drake_pregrasp.resources import resource_folder
+from drake_pregrasp.simulation.hand_file import HandFile, load_hand
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.systems.link_contacts import TOUCHED
@@ -50,6 +53,31 @@ def test_links_collide_with_all_but_their_own_finger_and_the_base():
     for finger in fingers:
         assert meet(finger, shapes("palm")) == {False}
         assert {inspector.CollisionFiltered(a, b) for a, b in combinations(finger, 2)} == {True}
+
+
+def test_pads_touch_with_patches_also_if_their_model_has_points(tmp_path):
+    models = resource_folder("models")
+    soft = re.compile(r"\s*<drake:(compliant|hydro|mesh_res).*")
+    (tmp_path / "gripper.sdf").write_text(soft.sub("", (models / "gripper.sdf").read_text()))
+    text = (models / "gripper.yaml").read_text()
+    hand = text.replace("package://drake_pregrasp/gripper.sdf", str(tmp_path / "gripper.sdf"))
+    (tmp_path / "gripper.yaml").write_text(hand)
+    gripper = made_hand(load_hand(tmp_path / "gripper.yaml", folders=[tmp_path]))
+    initial = gripper.home(P_WO, 0.0)
+    box = Box(size=[0.05] * 3)
+    station = HandStation(box, Conveyor(), PLANT, gripper, friction=0.7, initial=initial)
+    inspector = station.scene_graph.model_inspector()
+    are_soft = {
+        (jaw, inspector.GetName(geometry)): inspector.GetProximityProperties(geometry).HasProperty(
+            "hydroelastic", "compliance_type"
+        )
+        for jaw in ("jaw_0", "jaw_1")
+        for geometry in station.plant.GetCollisionGeometriesForBody(
+            station.plant.GetBodyByName(jaw)
+        )
+    }
+    assert sorted(are_soft.values()) == [False, False, True, True]
+    assert all(is_soft == name.endswith("pad") for (_, name), is_soft in are_soft.items())
 
 
 RAISED = [0.0, 0.0, 0.4]
