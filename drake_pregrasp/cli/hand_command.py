@@ -7,7 +7,7 @@ from typing import Any
 
 from drake_pregrasp.cli.run_command import add_allow_option
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.errors import printable
+from drake_pregrasp.errors import InvalidArgumentError, printable
 from drake_pregrasp.simulation.hand_check import check_hand, description_yaml, hand_page
 from drake_pregrasp.simulation.output import check_new, write_named_text
 
@@ -31,6 +31,9 @@ def _check(options: argparse.Namespace) -> int:
     for out in filter(None, (options.out, options.page)):
         check_new(Path(out))
     found = check_hand(options.file, folders=options.allow)
+    if options.out and found.description is not None and not found.is_proposal:
+        problem = "is a description already; -o writes one for a model"
+        raise InvalidArgumentError(f"{options.file}: {problem}")
     for problem in found.problems:
         print(f"{options.file}: {printable(problem)}", file=sys.stderr)
     if found.model is not None:
