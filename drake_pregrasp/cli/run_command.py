@@ -61,7 +61,8 @@ def run_bar(resolved: ResolvedScenario) -> Iterator[Callable[[TickRecord], None]
     def on_tick(record: TickRecord) -> None:
         nonlocal start
         if math.isnan(start):
-            print(f"kernels     {resolved.kernels.name}", flush=True)
+            with contextlib.suppress(OSError):  # The results will say that nothing can be said.
+                print(f"kernels     {resolved.kernels.name}", flush=True)
             bar.start()
             start = time.perf_counter()
         factor = record.time / (time.perf_counter() - start)

@@ -53,7 +53,9 @@ def test_another_scenario_replaces_a_run_only_on_request(tmp_path, capsys):
     assert said.count("\n") == 1
     assert contents(folder) == before
     assert main([*COMMAND, OTHER, *out, "--overwrite"]) == 0
-    assert capsys.readouterr().out.startswith("replaced    the earlier run")
+    first, second, *_ = capsys.readouterr().out.splitlines()
+    assert first.startswith("kernels     ")
+    assert second == "replaced    the earlier run in this folder"
     assert contents(folder) != before
 
 
