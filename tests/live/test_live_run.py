@@ -251,6 +251,7 @@ def _refuse():
 def test_the_command_prints_a_local_address_and_serves_until_it_is_interrupted(tmp_path):
     command = [sys.executable, "-m", "drake_pregrasp", "live", "a_base"]
     with subprocess.Popen([*command, "--out", str(tmp_path)], stdout=subprocess.PIPE) as process:
+        assert process.stdout.readline().startswith(b"kernels ")
         words = process.stdout.readline().decode().split()
         address = next(word for word in words if word.startswith("http://127.0.0.1:"))
         with urllib.request.urlopen(f"{address}timeline") as answer:

@@ -194,7 +194,7 @@ def test_a_finger_whose_place_gets_free_comes_back_and_takes_part(allegro_panda,
 
 
 def test_a_box_that_is_too_long_for_the_opening_is_refused(allegro_panda):
-    with pytest.raises(ScenarioError, match=r"object: only 1 fingers reach .* no place for link_3"):
+    with pytest.raises(ScenarioError, match=r"contacts: only 1 fingers reach .* place for link_3"):
         load_resolved(NAME, text="{object: !Box {size: [0.12, 0.065, 0.065], mass: 0.25}}")
 
 
