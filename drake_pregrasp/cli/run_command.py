@@ -46,7 +46,7 @@ def stop_on_signals() -> Iterator[Callable[[], bool]]:
 
 @contextlib.contextmanager
 def run_bar(resolved: ResolvedScenario) -> Iterator[Callable[[TickRecord], None]]:
-    """Says at the first tick which code runs; then a terminal as standard error shows a bar."""
+    """Prints at the first tick which kernels compute, and shows a progress bar on a terminal."""
     scenario, console = resolved.scenario, Console(stderr=True)
     columns = (
         TextColumn("{task.completed:5.1f} s of {task.total:g} s"),
@@ -61,7 +61,7 @@ def run_bar(resolved: ResolvedScenario) -> Iterator[Callable[[TickRecord], None]
     def on_tick(record: TickRecord) -> None:
         nonlocal start
         if math.isnan(start):
-            with contextlib.suppress(OSError):  # The results will say that nothing can be said.
+            with contextlib.suppress(OSError):  # Printing the results fails, too, and is reported.
                 print(f"kernels     {resolved.kernels.name}", flush=True)
             bar.start()
             start = time.perf_counter()

@@ -121,7 +121,7 @@ class CsvLog:
 
 
 class TickRows:
-    """What the rows of `log.csv` take from a tick and those before it.
+    """Parts of the rows of `log.csv`, from each tick and those before it.
 
     Args:
         lookahead: Prediction horizon of the logged estimates, in seconds.
