@@ -144,7 +144,7 @@ class _Journal(dict[str, dict[str, Any]]):
                 record = json.loads(line)
                 if not (record["job"] and ("rows" in record or "error" in record)):
                     raise ValueError
-                self[json.dumps(record["job"])] = record
+                self[_key(record["job"])] = record
         except (ValueError, KeyError, TypeError) as error:
             raise OutputError(f"{self._path}: has no rows of a study; {_ANOTHER}") from error
 
@@ -190,9 +190,14 @@ class _Journal(dict[str, dict[str, Any]]):
 
     def _sorted(self) -> list[dict[str, Any]]:
         """Returns the records in the order of their jobs; a column may have numbers and texts."""
-        return sorted(
-            self.values(), key=lambda r: [(isinstance(v, str), v) for v in r["job"].values()]
-        )
+        place = {name: index for index, name in enumerate(self._columns)}
+
+        def order(record: dict[str, Any]) -> list[tuple[bool, Any]]:
+            job = record["job"]
+            names = sorted(job, key=lambda name: place.get(name, len(place)))
+            return [(isinstance(job[name], str), job[name]) for name in names]
+
+        return sorted(self.values(), key=order)
 
 
 @contextlib.contextmanager
@@ -242,7 +247,13 @@ def _plain(job: Job) -> dict[str, Any]:
 
 
 def _key(job: Job) -> str:
-    return json.dumps(_plain(job))
+    """Returns a text that is equal for jobs with equal values, in any order: 1 equals 1.0."""
+    plain = json.loads(json.dumps(_plain(job)), parse_float=_number)
+    return json.dumps(plain, sort_keys=True)
+
+
+def _number(text: str) -> float:
+    return int(value) if (value := float(text)).is_integer() else value
 
 
 def _line(record: Mapping[str, Any]) -> str:

@@ -67,6 +67,15 @@ def test_a_journal_cut_anywhere_is_completed_to_the_same_bytes(again, whole):
 
 
 @pytest.mark.slow
+def test_the_same_job_is_done_once_however_it_is_written(again, whole):
+    rewritten = [dict(sorted(job.items(), reverse=True)) for job in JOBS]
+    rewritten = [{**job, "seed": float(job["seed"])} for job in rewritten]
+    found, folder = again(jobs=rewritten)
+    assert (found.wanted, found.made, len(found.rows)) == (8, 8, 8)
+    assert sorted(contents(folder)[JOURNAL].splitlines()) == sorted(whole[JOURNAL].splitlines())
+
+
+@pytest.mark.slow
 def test_a_failed_job_is_noted_stops_no_other_and_runs_again(again, whole, monkeypatch):
     monkeypatch.setenv("FAIL", "a2")
     found, folder = again(cut=0, processes=2)
