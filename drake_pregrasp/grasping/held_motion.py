@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.geometry.rotations import rotation_matrix
+from drake_pregrasp.geometry.rotations import rotation_matrix, skew
 
 DAMPING_RATIO = 0.8
 """Ratio K h/D of the fingers' stiffness K and the damping D, with the control period h."""
@@ -28,8 +28,8 @@ class HeldMotion:
         V_WG: Angular velocity, and velocity of the origin of G, shape (2, 3), in rad/s and m/s.
         V_WBelt: Twist of the belt under the object when the fingers touched it, or in the air that
             of the object, shape (2, 3), in rad/s and m/s.
-        a_W: Acceleration of the origin of G in W, shape (3,), in m/s²: zero on a belt, gravity in
-            the air.
+        a_W: Acceleration of the centre of mass in W, shape (3,), in m/s²: zero on a belt, gravity
+            in the air.
     """
 
     time: float
@@ -45,12 +45,20 @@ class HeldMotion:
         still = np.zeros((2, 3))
         return HeldMotion(0.0, np.eye(3), np.zeros(3), still, still, np.zeros(3))
 
-    def at(self, time: float) -> "HeldMotion":
-        """Returns the motion at another time, with the same acceleration."""
-        dt = time - self.time
-        change = np.array([np.zeros(3), dt * self.a_W])
-        moved = self._displaced(dt * (self.V_WG + change / 2), time)
-        return replace(moved, V_WG=self.V_WG + change)
+    def at(self, time: float, p_GCoM: FloatArray) -> "HeldMotion":
+        """Returns the motion at another time, with the same angular velocity and acceleration.
+
+        Args:
+            time: Time in seconds.
+            p_GCoM: Centre of mass in G, shape (3,), in metres: the origin of G turns about it.
+        """
+        (w, v), dt = self.V_WG, time - self.time
+        R_WG = rotation_matrix(dt * w) @ self.R_WG
+        before, after = self.R_WG @ p_GCoM, R_WG @ p_GCoM
+        v_CoM, change = v + skew(w) @ before, dt * self.a_W
+        p_WG = self.p_WG + before + dt * (v_CoM + change / 2) - after
+        V_WG = np.array([w, v_CoM + change - skew(w) @ after])
+        return replace(self, time=time, R_WG=R_WG, p_WG=p_WG, V_WG=V_WG)
 
     def stopping(self, time: float, duration: float) -> "HeldMotion":
         """Returns the motion at a later time, with constant deceleration to rest.

@@ -175,7 +175,7 @@ class DifferentialKinematics(LeafSystem):
     def _moved(self, context: Context) -> tuple[float, FloatArray, FloatArray, FloatArray]:
         """Returns the time since the last tick, the present q and v, and the v before that tick."""
         stored: FloatArray = context.get_discrete_state(self._reference).value().copy()
-        elapsed = context.get_time() - stored[0]
+        elapsed = max(0.0, context.get_time() - stored[0])  # The clock may have been set back.
         q, v, v_last = stored[1:].reshape(3, -1)
         moved = np.maximum(self._hand.lower, q + elapsed * v)
         return elapsed, np.minimum(moved, self._hand.upper), v, v_last

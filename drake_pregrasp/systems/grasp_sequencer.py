@@ -375,7 +375,8 @@ class GraspSequencer(LeafSystem):
             p_OC = p_GT - heights[:, None] * nhat
         command: GraspCommand = self._command.Eval(context)
         R_WG, settings = command.R_WG, self._settings  # Contacts and forces are in G.
-        v_W = command.V_WG[1] + settings.squeeze_duration * self._fall
+        w_W, v_W = command.V_WG
+        v_W = v_W + skew(w_W) @ R_WG @ self._p_OCoM + settings.squeeze_duration * self._fall
         load, stop = lift_load(self._mass, settings, self._lift_axis, v_W)
         jacobians = None
         if self._J_WT.HasValue(context):
@@ -405,7 +406,7 @@ def lift_load(
         mass: Mass of the object, in kg.
         settings: Settings of the grasp.
         lift_axis: Unit vector along which the hand lifts, in W, shape (3,).
-        v_W: Velocity of the object before the stop, in W, shape (3,), in m/s.
+        v_W: Velocity of its centre of mass before the stop, in W, shape (3,), in m/s.
 
     Returns:
         The largest load, and its part while the hand stops, shape (3,) each.

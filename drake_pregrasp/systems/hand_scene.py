@@ -49,14 +49,18 @@ from drake_pregrasp.systems.hand_kinematics import (
 
 _BALL_SPACING = 0.004  # Largest distance of neighbouring balls of a link, in metres.
 _DEEPEST = 1e-3  # Largest depth of a link in a fixed solid at the start, in metres: it may touch.
-_HUGE = 10.0  # Depth of the box that represents a half-space, in metres.
+_HUGE = 10.0  # Largest distance that counts, in metres: a half-space becomes a box.
+_THIN = 1e-6  # Least edge of a box, in metres: Drake's have none of length 0.
 
 
-def drake_shape(solid: SignedDistance) -> tuple[Shape, RigidTransform]:
-    """Returns a convex set's shape for Drake and its pose; half-spaces are large boxes.
+def drake_shape(
+    solid: SignedDistance, near: FloatArray | None = None
+) -> tuple[Shape, RigidTransform]:
+    """Returns a convex set's shape for Drake and its pose, as far as it is within 10 m of a place.
 
     Args:
         solid: A `Solid`, or a convex `MeshSolid`.
+        near: The place in the solid's frame, shape (3,), in metres; the origin by default.
     """
     if isinstance(solid, MeshSolid):
         X_FM = RigidTransform(RotationMatrix(solid.R_FM), solid.p_FM)
@@ -66,12 +70,19 @@ def drake_shape(solid: SignedDistance) -> tuple[Shape, RigidTransform]:
     axes, low, high, radius = row[3:12].reshape(3, 3), row[12:15], row[15:18], row[18]
     if np.array_equal(low, high):
         return Sphere(radius), RigidTransform(row[:3])
-    low, high = np.maximum(low, -_HUGE), np.minimum(high, _HUGE)
     if np.any(axes[:, 0]):
         R_FB = RotationMatrix.ProjectToRotationMatrix(axes)
     else:  # Of a half-space, whose row has the normal alone.
         R_FB = RotationMatrix.MakeFromOneVector(axes[:, 2], axis_index=2)
-    return Box(*(high - low)), RigidTransform(R_FB, row[:3] + R_FB @ ((low + high) / 2))
+    place = R_FB.inverse() @ ((np.zeros(3) if near is None else near) - row[:3])
+    low, high = np.clip([place - _HUGE, place + _HUGE], low, high)
+    size = np.maximum(high - low, _THIN)
+    return Box(*size), RigidTransform(R_FB, row[:3] + R_FB @ ((low + high) / 2))
+
+
+def _rough(p: FloatArray) -> FloatArray:
+    """Returns a place within 3 m of another; it seldom changes, and with it the shapes there."""
+    return np.round(p / (_HUGE / 3)) * (_HUGE / 3)
 
 
 def separate_fingers(manager: CollisionFilterManager, links: Mapping[GeometryId, HandLink]) -> None:
@@ -131,9 +142,10 @@ class HandScene:
         self._object = self._graph.RegisterGeometry(
             self._source, self._object_frame, _geometry("object", *drake_shape(hull))
         )
+        near = _rough(hand.pose(np.zeros(hand.num_positions)).p_WT[0])
         around = [
             self._graph.RegisterAnchoredGeometry(
-                self._source, _geometry(f"fixed {index}", *drake_shape(solid))
+                self._source, _geometry(f"fixed {index}", *drake_shape(solid, near))
             )
             for index, solid in enumerate(fixed)
         ]
@@ -171,7 +183,8 @@ class HandScene:
             X_WO: Pose of the object.
             obstacles: Further solids in W.
         """
-        self.hand.plant.SetPositions(self.hand.plant.GetMyMutableContextFromRoot(context), q)
+        state = self.hand.plant.GetMyMutableContextFromRoot(context)
+        self.hand.plant.SetPositions(state, q)
         graph = self._graph.GetMyMutableContextFromRoot(context)
         poses = FramePoseVector()
         poses.set_value(self._object_frame, X_WO)
@@ -183,8 +196,9 @@ class HandScene:
             return
         old = inspector.GetGeometries(self._obstacle_frame, Role.kProximity)
         names = {inspector.GetName(g): g for g in old}
+        near = _rough(self.hand.frames[0].CalcPoseInWorld(state).translation())
         for index, solid in enumerate(obstacles):
-            shape, X_WS = drake_shape(solid)
+            shape, X_WS = drake_shape(solid, near)
             geometry = names.pop(f"obstacle {index}", None)
             if geometry is None:
                 added = _geometry(f"obstacle {index}", shape, X_WS)

@@ -152,7 +152,7 @@ class HeldFrame:
         settings = self._held.settings
         if not memory.stands:
             return self._stopping(last, time)
-        now = last.at(time)
+        now = last.at(time, self._held.p_OCoM)
         if state.phase == GraspPhase.BACK_OFF or self._in_air:
             return now
         p_WT = validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
@@ -204,7 +204,7 @@ class HeldFrame:
             return SpatialVelocity(np.full(6, np.nan))
         last, time = memory.last, context.get_time()
         if memory.stands:
-            w_WG, v_WG = last.at(time).V_WG
+            w_WG, v_WG = last.at(time, self._held.p_OCoM).V_WG
         else:
             w_WG, v_WG = self._stopping(last, time).V_WG
         rising = state.height.rate(time) * self._held.lift_axis

@@ -24,7 +24,7 @@ def pushed(motion, f, friction=FRICTION):
 
 
 def after_a_period(motion):
-    return motion.at(motion.time + PERIOD)
+    return motion.at(motion.time + PERIOD, np.zeros(3))
 
 
 @given(st.floats(0, 2), st.floats(0.1, 0.5), st.floats(-1, 1))
@@ -95,8 +95,8 @@ def test_an_object_that_nothing_moves_brings_the_frame_to_rest(friction):
 def test_the_frame_follows_a_belt_that_suddenly_accelerates(acceleration):
     motion, errors = moving(), []
     for time in PERIOD * np.arange(1, 26):
-        shift = 0.05 * time + acceleration * time**2 / 2 - motion.at(time).p_WG[0]
-        motion = pushed(motion.at(time), [STIFFNESS * shift, 0.0, 0.0])
+        shift = 0.05 * time + acceleration * time**2 / 2 - motion.at(time, np.zeros(3)).p_WG[0]
+        motion = pushed(motion.at(time, np.zeros(3)), [STIFFNESS * shift, 0.0, 0.0])
         errors.append(shift)
     # Its force is the friction and that which accelerates the mass.
     assert max(np.abs(errors)) < 1.5 * (FRICTION + M * abs(acceleration)) / STIFFNESS
@@ -129,7 +129,7 @@ def test_the_frame_stays_within_a_distance_of_the_estimate(x, y, distance):
 def test_in_the_air_the_frame_falls_and_stops_along_its_velocity_within_v_squared_over_2a(t, T):
     fall = np.array([0.0, 0.0, -9.81])
     first = replace(moving(), a_W=fall)
-    now, V = first.at(t), first.V_WG[1]
+    now, V = first.at(t, np.zeros(3)), first.V_WG[1]
     np.testing.assert_allclose(now.p_WG, t * V + t * t / 2 * fall, atol=1e-12)
     np.testing.assert_allclose(now.V_WG[1], V + t * fall, atol=1e-12)
     speed = np.linalg.norm(now.V_WG[1])
@@ -138,6 +138,27 @@ def test_in_the_air_the_frame_falls_and_stops_along_its_velocity_within_v_square
 
 
 VECTORS = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array)
+
+
+@given(VECTORS, VECTORS, st.floats(0, 1), st.floats(0, 1))
+def test_in_the_air_a_centre_of_mass_beside_the_origin_falls_and_the_origin_turns(r, w, t, later):
+    fall = np.array([0.0, 0.0, -9.81])
+    first = replace(moving(), V_WG=np.array([10 * w, [1.0, 0.2, 3.0]]), a_W=fall)
+    now = first.at(t, r)
+    v_CoM = first.V_WG[1] + np.cross(10 * w, r)
+    np.testing.assert_allclose(
+        now.p_WG + now.R_WG @ r, r + t * v_CoM + t * t / 2 * fall, atol=1e-12
+    )
+    np.testing.assert_allclose(
+        now.V_WG[1] + np.cross(10 * w, now.R_WG @ r), v_CoM + t * fall, atol=1e-12
+    )
+    step = 1e-6
+    velocity = (first.at(t + step, r).p_WG - now.p_WG) / step
+    np.testing.assert_allclose(velocity, now.V_WG[1], atol=1e-3)
+    # It makes no difference whether the motion is stored on the way.
+    for part in ("p_WG", "R_WG", "V_WG"):
+        stored, at_once = (getattr(m.at(t + later, r), part) for m in (now, first))
+        np.testing.assert_allclose(stored, at_once, atol=1e-9)
 
 
 def beside_the_belt(motion):

@@ -294,6 +294,41 @@ def test_a_hand_without_a_way_stops_says_why_and_goes_on_without_a_jump():
     assert "base" in describe_give_up(GiveUp.BLOCKED, BASE)
 
 
+def least_gaps(solid):
+    """The constraints on a hand at home beside a solid, far from an object."""
+    scene = HAND.make_scene(CUBE, [])
+    context = scene.diagram.CreateDefaultContext()
+    scene.place(context, HOME, AFAR, [solid])
+    pose = HAND.kinematics.pose(HOME)
+    return np.sort(scene.clearances(context, pose, grasp_command(AFAR), 5.0).least)
+
+
+@pytest.mark.parametrize("far", [0.0, 40.0, -1e4])
+def test_it_makes_no_difference_how_a_large_solid_is_described(far):
+    """Which point of a plane is given, or how long a box is, and where its centre."""
+    low = np.min(TIPS[:, 2]) - 0.012
+    expected = least_gaps(HalfSpace(np.array([0.0, 0.0, low]), np.array([0.0, 0.0, 1.0])))
+    assert len(expected)
+    plane = HalfSpace(np.array([far, far, low]), np.array([0.0, 0.0, 1.0]))
+    np.testing.assert_allclose(least_gaps(plane), expected, atol=1e-9)
+    length = 2 * abs(far) + 4
+    box = BoxSolid(np.array([far, 0.0, low - 0.5]), np.eye(3), np.array([length, 4.0, 1.0]))
+    np.testing.assert_allclose(least_gaps(box), expected, atol=1e-5)
+    sheet = BoxSolid(np.array([far, 0.0, low]), np.eye(3), np.array([length, 4.0, 0.0]))
+    np.testing.assert_allclose(least_gaps(sheet), expected, atol=1e-5)
+
+
+def test_a_clock_that_is_set_back_does_not_move_the_reference():
+    follower = Follower(p_WT=TIPS + np.array([0.06, -0.03, 0.04]))
+    for _ in range(10):
+        follower.tick()
+    follower.driven.at(follower.driven.context.get_time() - 0.1)
+    q, v = follower.driven.array("desired_state").reshape(2, NQ)
+    # As at the last tick, one period before.
+    np.testing.assert_allclose(q, follower.q - CONTROL_PERIOD * follower.v, atol=1e-9)
+    assert np.max(np.abs(v)) > 0.01
+
+
 @pytest.mark.parametrize("distance", [0.0, 0.05, 0.3, 1.0])
 def test_the_constrained_velocity_is_the_optimum_and_the_free_one_where_it_is_allowed(distance):
     """The system takes the velocity without constraints where it keeps all of them."""

@@ -399,6 +399,28 @@ def test_in_the_air_the_frame_falls_on_from_closing_to_the_lift_and_then_stops()
     np.testing.assert_allclose(stopped - first, speeds[-1] * config.stop_duration / 2, atol=0.07)
 
 
+def test_in_the_air_a_frame_that_spins_falls_with_its_centre_of_mass():
+    p_OCoM, fall = np.array([0.0, 0.0, 0.04]), np.array([0.0, 0.0, -9.81])
+    V_WO = SpatialVelocity([6.0, 0.0, 0.0], [1.0, 0.0, 2.0])
+    v_CoM = V_WO.translational() + np.cross(V_WO.rotational(), p_OCoM)
+    X_WO = RigidTransform([0.0, 0.0, 3.0])
+    sequencer = make_sequencer(GraspConfig(period=0.004), p_OCoM=p_OCoM, gravity=9.81)
+    hand = sequencer_over(X_WO, sequencer)
+    hand.fix(close=[1.0], V_WO_estimated=V_WO)
+    closing, t = None, 0.0
+    while t < 0.2:
+        X_WG, now = hand.eval("X_WG"), hand.context.get_time()
+        if hand.array("grasp_report")[0] >= GraspPhase.CLOSE:
+            closing = now if closing is None else closing
+            t = now - closing
+            CoM = X_WO @ p_OCoM + t * v_CoM + t * t / 2 * fall
+            np.testing.assert_allclose(X_WG @ p_OCoM, CoM, atol=1e-9)
+        gap = max(0.005, float(hand.eval("command").standoffs[0]))
+        hand.fix(p_WT=tips_at(X_WG, gap))
+        hand.tick()
+    assert hand.array("grasp_report")[0] == GraspPhase.CLOSE
+
+
 def test_in_the_hold_fingers_keep_the_object_where_it_was_lifted_to():
     """Four fingers hold it. In the lift, it sags by 1 mm."""
     X_WO, way = RigidTransform([0.0, 0.0, 0.05]), np.array([0.001, -0.002, 0.0005])
