@@ -113,9 +113,10 @@ def needed_friction(
         least: Smallest coefficient of friction to try.
 
     Returns:
-        The coefficient; infinite if none up to 2 suffices.
+        The coefficient; infinite if neither the smallest one nor any up to 2 suffices.
     """
-    for friction in np.arange(least, _ROUGHEST, _FRICTION_STEP).tolist():
+    most = max(least, _ROUGHEST) + _FRICTION_STEP / 2
+    for friction in np.arange(least, most, _FRICTION_STEP).tolist():
         if any(min_weight_margin(p, n, friction, **model) > 0 for p, n, model in grasps):
             return float(friction)
     return np.inf

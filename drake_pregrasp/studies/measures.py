@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.arrays import TIME_ROUNDING, BoolArray, FloatArray, first_tick, tick_index
 from drake_pregrasp.contacts.goal_limits import ROUNDING, tip_gaps
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.estimation.pose_track import TrackingStatus
@@ -143,9 +143,10 @@ def _faults(run: SimulatedRun) -> dict[str, Any]:
     scenario = run.resolved.scenario
     faults, sensor = scenario.sensor.faults, scenario.sensor
     time = np.array([record.time for record in run.ticks])
-    slack = scenario.planner.period / 2  # Times of ticks are rounded.
-    acting = (time > faults.start - slack) & (time < faults.end - slack)
-    after = np.flatnonzero(time > faults.end - slack)
+    period = scenario.planner.period
+    ticks = [tick_index(at, period) for at in time.tolist()]
+    acting = np.array([faults.act_at(tick, period) for tick in ticks])
+    after = np.flatnonzero(np.array(ticks) >= first_tick(faults.end, period))
     if not np.any(acting):
         return {}
     position, orientation = np.array([_pose_error(record) for record in run.ticks]).T
@@ -177,11 +178,16 @@ def _late_goals(run: SimulatedRun) -> dict[str, Any]:
     time = np.array([record.time for record in run.ticks])
     ticks = run.ticks[adapting_phase(run.resolved.scenario, time)]
     period = run.resolved.planner.period
-    found = {f"late_goal_error_{ms}ms": goal_errors(ticks, 1e-3 * ms / period) for ms in DELAYS_MS}
-    return {name: 1e3 * np.median(errors) for name, errors in found.items() if len(errors)}
+    found = {}
+    for ms in DELAYS_MS:
+        delay = round(1e-3 * ms / period)
+        at_tick = abs(delay * period - 1e-3 * ms) < TIME_ROUNDING
+        if at_tick and len(errors := goal_errors(ticks, delay)):
+            found[f"late_goal_error_{ms}ms"] = 1e3 * np.median(errors)
+    return found
 
 
-def goal_errors(ticks: Sequence[TickRecord], delay: float) -> FloatArray:
+def goal_errors(ticks: Sequence[TickRecord], delay: int) -> FloatArray:
     """Returns the errors of goals at the time when a delayed hand reaches them.
 
     The hand reaches the goal of tick k at tick k + delay. The goal's point of the object, from
@@ -189,13 +195,13 @@ def goal_errors(ticks: Sequence[TickRecord], delay: float) -> FloatArray:
 
     Args:
         ticks: Records of the ticks.
-        delay: Delay of the hand, in planning periods; rounded.
+        delay: Delay of the hand, in planning periods.
 
     Returns:
         Distance between goal and point in metres, for each tick and active contact.
     """
     errors = [np.empty(0)]
-    for record, later in zip(ticks, ticks[round(delay) :], strict=False):
+    for record, later in zip(ticks, ticks[delay:], strict=False):
         p_WC = record.p_WC[is_active(record.contact_status)]
         moved = later.X_WO @ record.X_WO_estimated.inverse()
         errors.append(np.linalg.norm((moved @ p_WC.T).T - p_WC, axis=1))
@@ -285,7 +291,10 @@ MEASURE_GROUPS = [
     ),
     FAULTS,
     MeasureGroup(
-        {f"late_goal_error_{ms}ms": f"goal error {ms} ms later, median [mm]" for ms in DELAYS_MS},
+        {
+            f"late_goal_error_{ms}ms": f"goal error {ms} ms later, if at a tick, median [mm]"
+            for ms in DELAYS_MS
+        },
         _late_goals,
     ),
     GRASP,

@@ -91,7 +91,7 @@ def _tests_of(
         both = wide[[test.method, other]].dropna()
         if both.empty:
             continue
-        groups = both.groupby(level=cell, sort=False) if cell else [((), both)]
+        groups = both.groupby(level=cell, sort=False, dropna=False) if cell else [((), both)]
         for key, common in groups:
             values = key if isinstance(key, tuple) else (key,)
             head = pooled | dict(zip(cell, values, strict=True))
@@ -101,13 +101,14 @@ def _tests_of(
 
 def _one_value_each(rows: pd.DataFrame, keys: list[str], measure: str) -> pd.Series:
     """Returns the mean of a number, or whether all of yes and no are yes, in rows of equal keys."""
-    groups = rows.groupby(keys, sort=False)[measure]
+    groups = rows.groupby(keys, sort=False, dropna=False)[measure]
     return groups.all() if is_yes_or_no(rows[measure]) else groups.mean()
 
 
 def _compared(tested: pd.Series, other: pd.Series) -> dict[str, Any]:
     """Returns the result of one test of the values of two methods on the same runs."""
     difference = tested.astype(float) - other.astype(float)
+    difference = difference.mask(tested == other, 0.0)  # Both may be infinite.
     pairs, gained, lost = len(difference), int((difference > 0).sum()), int((difference < 0).sum())
     counts = {"pairs": pairs, "gained": gained, "lost": lost}
     if not is_yes_or_no(pd.concat([tested, other])):

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -336,7 +337,8 @@ def plot_axis(
         palette = "viridis" if is_number else "colorblind"
         shared |= {"hue": "color", "legend": "full"}
         shared["palette"] = sns.color_palette(palette, data["color"].nunique())
-    middle = {"estimator": _middle, "errorbar": _spread}
+    is_share = data["measure"].isin(shares)
+    middle = {"estimator": partial(_middle, is_share), "errorbar": partial(_spread, is_share)}
     own_scales = {"sharex": False, "sharey": False}
     style = {"style": shared.get("hue"), "facet_kws": own_scales}
     # Names from users are not formulas.
@@ -369,18 +371,19 @@ def plot_axis(
     return figure
 
 
-def _is_percent(values: pd.Series) -> bool:
-    """Returns whether values are those of a yes-or-no measure of which some are yes."""
-    return 100 in set(values) <= {0, 100}
+def _middle(is_share: pd.Series, values: pd.Series) -> float:
+    """Returns a share, or the median of numbers.
+
+    Args:
+        is_share: Which rows of the figure are those of yes-or-no measures.
+        values: Values of some rows of one measure, in percent for shares.
+    """
+    return float(np.mean(values) if is_share[values.index].all() else np.median(values))
 
 
-def _middle(values: pd.Series) -> float:
-    return float(np.mean(values) if _is_percent(values) else np.median(values))
-
-
-def _spread(values: pd.Series) -> tuple[float, float]:
-    """Returns the exact interval of a share, or the quartiles of numbers."""
-    if _is_percent(values):
+def _spread(is_share: pd.Series, values: pd.Series) -> tuple[float, float]:
+    """Returns the exact interval of a share, or the quartiles of numbers; see `_middle`."""
+    if is_share[values.index].all():
         return _interval_ends(values)
     low, high = np.percentile(values, (25, 75))
     return float(low), float(high)

@@ -221,7 +221,7 @@ class ObjectPoints(LeafSystem):
         """Returns which points are not near to a link of the hand, shape (N,)."""
         if self._hand is None or not self._hand_state.HasValue(context):
             return np.ones(len(p_WQ), dtype=bool)
-        if not are_valid(self._hand_state.Eval(context)):
+        if not are_valid(self._hand_state.Eval(context)[: self._hand.plant().num_positions()]):
             return np.zeros(len(p_WQ), dtype=bool)
         posture, graph = self._posture.Eval(context), self._hand.scene_graph()
         query = graph.get_query_output_port().Eval(graph.GetMyContextFromRoot(posture))

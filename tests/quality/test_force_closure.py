@@ -21,6 +21,7 @@ from drake_pregrasp.quality.force_closure import (
     friction_cones,
     largest_load,
     min_weight_margin,
+    needed_friction,
     torsional_friction_of,
 )
 from drake_pregrasp.quality.grasp_quality import grasp_quality
@@ -175,6 +176,19 @@ def test_the_radius_of_an_octahedron_of_wrenches_is_known():
     # Each wrench is (e_i, +-e_i): the hull is that of 12 points of norm sqrt(2), three planes of
     # squares; a facet takes one corner of each square's four sides: 1/sqrt(3) from the origin.
     assert ball_radius(r, r / 0.05, 0.0, **options) == pytest.approx(1 / np.sqrt(3))
+
+
+@pytest.mark.parametrize(("slope", "least"), [(0.32, 0.1), (1.98, 0.1), (1.98, 2.4), (2.06, 0.1)])
+def test_contacts_on_a_cone_need_as_much_friction_as_it_is_steep(slope, least):
+    """Those of three fingers that press from the sides on a pyramid of some slope."""
+    a, tilt = 2 * np.pi / 3 * np.arange(3), np.arctan(slope)
+    level = np.stack([np.cos(a), np.sin(a), 0 * a], axis=1)
+    nhat = np.cos(tilt) * level + [0.0, 0.0, np.sin(tilt)]
+    found = needed_friction([(0.05 * level, nhat, {})], least)
+    if slope > 2:
+        assert found == np.inf
+    else:
+        assert max(slope, least) <= found <= max(slope + 0.05, least)
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """Measures of runs: faults, validity of contacts, and goals that are reached late."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -62,6 +63,21 @@ def test_errors_count_while_the_fault_acts_and_recovery_after_it():
     assert found(offset=lambda t: 3.9 * SCENARIO.sensor.position_std).recovery == 0
 
 
+def test_a_fault_acts_at_the_ticks_at_which_the_sensor_has_it():
+    """It starts and ends between ticks."""
+    scenario, ticks = SCENARIO, records(offset=lambda t: 0.05 * (t > 12.001))
+    faults = replace(scenario.sensor.faults, start=6.02, end=12.02)
+    sensor = replace(scenario.sensor, faults=faults)
+    resolved = replace(RESOLVED, scenario=replace(scenario, sensor=sensor))
+    values = measure(SimulatedRun(resolved, ticks, None), NAMES)
+    period = scenario.planner.period
+    acting = [r for k, r in enumerate(ticks) if faults.act_at(k, period)]
+    assert acting[0].time == pytest.approx(6.05)
+    assert acting[-1].time == pytest.approx(12.0)
+    assert values["fault_position_error"] < 1e-9
+    assert values["fault_recovery"] == math.inf
+
+
 def test_a_run_that_ends_with_the_fault_has_no_recovery():
     ticks = [record for record in records() if record.time < SCENARIO.sensor.faults.end - 0.01]
     values = measure(SimulatedRun(RESOLVED, ticks, None), NAMES)
@@ -105,11 +121,18 @@ def test_errors_of_late_goals_are_those_of_the_same_point_of_the_object_later():
         for X in X_WO
     ]
     np.testing.assert_allclose(goal_errors(ticks, 0), 0, atol=1e-15)
-    late = goal_errors(ticks, 1.2)
+    late = goal_errors(ticks, 1)
     np.testing.assert_allclose(late[0], np.hypot(0.9, 0.1))  # (1, 0.1) instead of (0.1, 0).
     assert len(late) == 3
     ticks[1].contact_status[:] = ContactStatus.LOST
     assert len(goal_errors(ticks, 1)) == 2
+
+
+def test_an_error_after_a_time_that_is_not_at_a_tick_is_not_given():
+    names = [f"late_goal_error_{ms}ms" for ms in (25, 50, 100)]
+    values = measure(SimulatedRun(RESOLVED, records(), None), names)
+    assert RESOLVED.planner.period == 0.05
+    assert [math.isnan(values[name]) for name in names] == [True, False, False]
 
 
 @pytest.mark.slow

@@ -105,6 +105,28 @@ def test_numbers_are_compared_by_signed_ranks(sign):
     assert np.isnan(test.low)
 
 
+def test_a_pair_of_equal_values_says_nothing_even_if_they_are_infinite():
+    rows = rows_of([(True, True)] * 12).astype({"clean": object})
+    rows["recovery"] = rows["seed"] * 0.1 + (rows["method"] == "dynamic_reach")
+    tests = []
+    for same in (9.0, np.inf):
+        table = paired_tests(
+            rows.assign(recovery=rows["recovery"].mask(rows["seed"] == 3, same)), "recovery"
+        )
+        tests += table.itertuples()
+    finite, infinite = tests
+    assert finite.p == infinite.p < 0.01
+    assert (finite.pairs, finite.gained, finite.verdict) == (12, 11, "larger")
+
+
+def test_conditions_with_and_without_a_closing_time_are_both_tested():
+    pairs = counts_to_pairs(8, 1)
+    both = [rows_of(pairs, "held"), rows_of(pairs, "free", close_at=np.nan)]
+    tests = paired_tests(pd.concat(both))
+    assert tests["condition"].tolist() == ["held", "free"]
+    assert tests["pairs"].tolist() == [9, 9]
+
+
 def test_a_pooled_test_compares_whole_runs_of_all_conditions():
     cells = [("a", 4.0), ("a", 7.0), ("b", 4.0)]
     grasps = [counts_to_pairs(2, 0, 1), counts_to_pairs(1, 1, 1), counts_to_pairs(0, 3)]

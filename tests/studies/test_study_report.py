@@ -118,6 +118,22 @@ def test_random_numbers_are_shown_run_by_run_and_never_joined_or_used_for_colour
         assert len(curves) == (axis is axes[0]) * (1 if color is None else 2)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("outcome", [False, True])
+def test_a_figure_shows_the_interval_of_a_share_and_the_quartiles_of_numbers(grasps, outcome):
+    study, rows = grasps
+    rows = study_report.labelled(study, rows.assign(held=outcome, moved_hold_mm=100.0 * outcome))
+    figure = study_report.plot_axis(rows, study.axes[0], ["held", "moved_hold_mm"], None)
+    ends = 100 * share_interval(pd.Series([96 * outcome]), pd.Series([96])).iloc[0]
+    for panel, expected in zip(figure.axes, (ends, [100.0 * outcome] * 2), strict=True):
+        bars = [line for line in panel.lines if len(line.get_xdata()) == 2]
+        drawn = [sorted(line.get_ydata()) for line in bars if np.ptp(line.get_xdata()) == 0]
+        bands = [part.get_paths()[0].get_extents() for part in panel.collections]
+        drawn += [[box.ymin, box.ymax] for box in bands]
+        assert drawn
+        np.testing.assert_allclose(drawn, np.tile(expected, (len(drawn), 1)), atol=1e-6)
+
+
 def test_counts_and_intervals_are_those_of_the_rows(grasps):
     study, rows = grasps
     table = study_report.share_table(study_report.labelled(study, rows), "held")

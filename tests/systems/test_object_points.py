@@ -119,7 +119,7 @@ def test_points_near_links_at_the_measured_positions_are_left_out():
     tips = hand.tips_at(q)
     seen = np.vstack([tips, [0.0, 0.0, 0.05]])
     for shift, kept in ((0.0, [5]), (1.0, range(6)), (np.nan, [])):
-        state = np.append(q, np.zeros(len(q)))
+        state = np.append(q, np.full(len(q), np.nan))  # Velocities do not matter.
         state[0] += shift  # The carrier's way along x.
         system = dp.ObjectPoints(CONFIG, hand=hand.diagram)
         found = points_of(system, camera_0=cloud(seen), hand_state=state)

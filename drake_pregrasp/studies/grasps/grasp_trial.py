@@ -120,7 +120,7 @@ class GraspTrial:
                     begun = record.time
                 if limit > CatchLimit.NONE and record.time >= begun + _LONGEST_WAIT:
                     break
-            if phase != GraspPhase.HOLD and record.time >= begun + _LONGEST_GRASP:
+            if phase < GraspPhase.LIFT and record.time >= begun + _LONGEST_GRASP:
                 break
         controller = self.diagram.GetSubsystemByName("hand_controller")
         sequencer = controller.GetSubsystemByName("grasp_sequencer")
