@@ -108,7 +108,8 @@ class PoseReceiver(LeafSystem):
     finite values, at most 100, with a quaternion of length 1. `PoseEstimator` refuses such a pose.
 
     Port `measurement_time` emits a vector of 1: the time at which the message was received, or
-    -inf before the first one. The delay until then belongs to the estimator's `lookahead`.
+    -inf before the first one. Without a hand, the estimator's `lookahead` can make up for the delay
+    until then.
     """
 
     def __init__(self) -> None:
