@@ -202,10 +202,10 @@ def commands_page() -> str:
     """Returns the page of all commands with their options."""
     lines = [
         "# Commands",
-        "`drake-pregrasp COMMAND --help` prints the same. The exit status is 0; 1 if runs of a study "
-        "failed; 2 for bad input, with one line that names the file, the key and the value, or if "
-        "output cannot be written; 130 after an interruption; and 141 if whatever reads the output "
-        "has ended.",
+        "`drake-pregrasp COMMAND --help` prints the same. The exit status is 0; 1 if runs of a "
+        "study failed; 2 for bad input, with one line that names the file, the key and the value, "
+        "or if output cannot be written; 130 after an interruption; and 141 if whatever reads the "
+        "output has ended.",
         MADE.format("the parsers of the commands"),
     ]
     for parser, text in subparsers(command._parser()):

@@ -10,7 +10,7 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import ABOVE, SIDE, GraspConfig
 from drake_pregrasp.config.hand_description import Arm
 from drake_pregrasp.contacts.hand_above_object import StartContacts
-from drake_pregrasp.diagrams.hand_model import HandModel, made_hand
+from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import InvalidArgumentError, Lack, NoGraspError
 from drake_pregrasp.geometry.solids import HalfSpace, Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
@@ -58,7 +58,7 @@ def approaching_hands(
         up = X_LA.rotation().matrix()[:, 2] @ R_WO
         top = float(np.max((surface.mesh.vertices - surface.p_OCoM) @ up))
         raised = upright.description.over_object(top)
-        return made_hand(raised, config.yaw_range, X_LA, X_WB, upright.model, extent=extent)
+        return HandModel(raised, config.yaw_range, X_LA, X_WB, upright.model, extent=extent)
 
     found = {ABOVE: [FROM_ABOVE]}
     if SIDE in config.approaches:

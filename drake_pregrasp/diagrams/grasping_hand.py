@@ -25,7 +25,7 @@ from drake_pregrasp.diagrams.hand_instances import (
     hand_ports,
     set_default_positions,
 )
-from drake_pregrasp.diagrams.hand_model import HandModel, made_hand
+from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_parsing import read_model
 from drake_pregrasp.diagrams.object_contact import (
     contact_problems,
@@ -216,7 +216,7 @@ def AddHandController(
         raise InvalidArgumentError(f"{key}: {problem}")
     solid = object_solid or MeshSolid.of(surface.mesh)
     # Whoever added the robot to the plant has seen warnings about its model.
-    upright = made_hand(hand, config.yaw_range, model=read_model(hand.model))
+    upright = HandModel(hand, config.yaw_range, model=read_model(hand.model))
     X_WB = base_pose(upright, instances)
     hands = approaching_hands(upright, config, surface, X_WO, fixed=fixed, X_WB=X_WB)
     model, start = start_grasp.best_start(
@@ -327,7 +327,7 @@ def choose_approach(
     check_grasp_arguments(
         hand, surface, planner, config, mass=mass, X_WO=X_WO, p_OC=p_OC, fixed=fixed
     )
-    upright, solid = made_hand(hand, config.yaw_range), object_solid or MeshSolid.of(surface.mesh)
+    upright, solid = HandModel(hand, config.yaw_range), object_solid or MeshSolid.of(surface.mesh)
     hands = approaching_hands(upright, config, surface, X_WO, fixed=fixed, X_WB=X_WB)
     return start_grasp.best_start(
         hands, config, planner, surface, solid=solid, mass=mass, X_WO=X_WO, fixed=fixed, p_OC=p_OC

@@ -63,7 +63,8 @@ class HandModel:
         azimuths: Azimuths of the fingertips at home, in A at yaw 0, shape (n,), in radians.
 
     Raises:
-        InvalidArgumentError: If the model and its description do not match.
+        InvalidArgumentError: If the model is invalid, with Drake's reason, or if the model and its
+            description do not match.
     """
 
     def __init__(
@@ -83,7 +84,12 @@ class HandModel:
             is_turned = isinstance(description.base, Carrier)
             X_WB = RigidTransform(X_LA.rotation(), np.zeros(3)) if is_turned else RigidTransform()
         self.X_WB = X_WB
-        self.diagram, self.instances = self._parse(warns=warns or model is None)
+        try:
+            with failures_as_errors():
+                self.diagram, self.instances = self._parse(warns=warns or model is None)
+        except RuntimeError as error:
+            problem = f"model: {description.model} cannot be used: {first_line(error)}"
+            raise InvalidArgumentError(problem) from error
         self.base = make_base(description.base, self.instances, X_LA, X_WB.translation())
         self.kinematics = self._kinematics(self.instances, REFERENCE.hand())
         self.tip_radii: FloatArray = np.array([tip.radius for tip in description.fingertips])
@@ -307,26 +313,3 @@ def _check_home_in_reach(key: str, tip: Fingertip, p_HC: FloatArray) -> None:
         raise InvalidArgumentError(
             f"{key}: it must hold the finger's own home, where {tip.frame} is at ({place}) m in H"
         )
-
-
-def made_hand(
-    description: HandDescription,
-    yaw_range: tuple[float, float] = FREE_TURN,
-    X_LA: RigidTransform = FROM_ABOVE,
-    X_WB: RigidTransform | None = None,
-    model: CheckedModel | None = None,
-    *,
-    warns: bool = False,
-    extent: float = np.inf,
-) -> HandModel:
-    """Returns the model of a hand; the arguments are those of `HandModel`.
-
-    Raises:
-        InvalidArgumentError: If the model is invalid; Drake's reason is the message.
-    """
-    try:
-        with failures_as_errors():
-            return HandModel(description, yaw_range, X_LA, X_WB, model, warns=warns, extent=extent)
-    except RuntimeError as error:
-        problem = f"model: {description.model} cannot be used: {first_line(error)}"
-        raise InvalidArgumentError(problem) from error

@@ -17,7 +17,7 @@ from pydrake.planning import RobotDiagramBuilder
 from drake_pregrasp.config.hand_description import Drive, HandDescription
 from drake_pregrasp.config.yaml_text import TAG_KEY, dump_yaml
 from drake_pregrasp.diagrams.directive_files import DIRECTIVES, YAML
-from drake_pregrasp.diagrams.hand_model import HandModel, made_hand
+from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_parsing import read_model
 from drake_pregrasp.diagrams.hand_proposal import HOME_YAWS, propose_hand, usual_place
 from drake_pregrasp.diagrams.model_files import CheckedModel
@@ -71,7 +71,7 @@ def check_hand(file: str, *, folders: Sequence[str | Path] | None = None) -> Han
             if problems := _schema_problems(file):
                 return HandCheck(None, None, problems, is_proposal)
             description, read = read_hand(file, folders)
-        model = made_hand(description, model=read, warns=not is_proposal)
+        model = HandModel(description, model=read, warns=not is_proposal)
     except PregraspError as error:
         return HandCheck(description, None, problems_of(error), is_proposal)
     return HandCheck(description, model, _home_problems(model), is_proposal)

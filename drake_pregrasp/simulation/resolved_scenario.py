@@ -27,7 +27,7 @@ from drake_pregrasp.contacts.hand_above_object import StartContacts
 from drake_pregrasp.diagrams import feasibility, start_grasp
 from drake_pregrasp.diagrams.approaches import Approach, approaching_hands
 from drake_pregrasp.diagrams.expected_path import Motion, expected_poses, initial_pose, read_motion
-from drake_pregrasp.diagrams.hand_model import HandModel, made_hand
+from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.object_plant import TABLE
 from drake_pregrasp.errors import (
     InvalidArgumentError,
@@ -318,7 +318,7 @@ def _hand_and_start(
         problem = f"only an arm can stand elsewhere, and {file} has none"
         raise ScenarioError("", "hand.position", problem)
     with errors_at("hand.file", f"{file}: "):
-        upright = made_hand(description, X_WB=X_WB, model=read, warns=True)
+        upright = HandModel(description, X_WB=X_WB, model=read, warns=True)
     raise_first(model_problems(grasp, upright))
     incoming, fixed = None, [TABLE.solid]
     if grasp.meeting.wait_at:

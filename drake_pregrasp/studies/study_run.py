@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from drake_pregrasp.diagrams.hand_model import made_hand
+from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import InvalidArgumentError, NoGraspError, ScenarioError, one_line
 from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.simulation.hand_file import HandSource
@@ -138,7 +138,7 @@ def _fitting_shape(scenario: Scenario, hand: HandSource) -> Shape | None:
         shape = scenario.object.make_shape()
     except InvalidArgumentError:
         return None
-    made = made_hand(hand.description, model=hand.model)
+    made = HandModel(hand.description, model=hand.model)
     return shape if fits(shape, opening(made, scenario.grasp.standoff)) else None
 
 

@@ -15,7 +15,7 @@ from drake_pregrasp.contacts.assignment import assign_fingers_round
 from drake_pregrasp.contacts.centroids import best_points
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import make_strategy
-from drake_pregrasp.diagrams.hand_model import made_hand
+from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.quality.grasp_quality import posture_measures
 from drake_pregrasp.regions.constraints import Limit, RegionConstraints
 from drake_pregrasp.regions.finger_measures import FINGER_MEASURES, FingerMeasures
@@ -48,7 +48,7 @@ def drake_finger(hand, finger, q_own):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", usable_hands())
 def test_chains_of_every_hand_move_as_in_drake(name):
-    hand = made_hand(load_hand(f"package://drake_pregrasp/{name}.yaml"))
+    hand = HandModel(load_hand(f"package://drake_pregrasp/{name}.yaml"))
     for finger, chain in enumerate(hand.fingers.chains):
         q = np.random.default_rng(finger).uniform(chain.lower, chain.upper, (20, len(chain.home)))
         tips, jacobians = chain.tips(q)
@@ -110,7 +110,7 @@ def test_lattices_are_drakes_kinematics(finger):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["five_finger_hand", "allegro_hand"])
 def test_measures_between_nodes_are_as_exact_as_stated(name):
-    hand = made_hand(load_hand(f"package://drake_pregrasp/{name}.yaml"))
+    hand = HandModel(load_hand(f"package://drake_pregrasp/{name}.yaml"))
     lattices, errors = FingerMeasures.around(0.12, hand.fingers.chains), []
     for finger, chain in enumerate(hand.fingers.chains):
         tips = chain.tips(chain.samples())[0]

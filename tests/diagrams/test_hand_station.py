@@ -10,7 +10,7 @@ from five_finger_hand import HAND
 from pydrake.multibody.plant import MultibodyPlantConfig
 
 from drake_pregrasp import Box, Conveyor, GraspConfig, HandStation
-from drake_pregrasp.diagrams.hand_model import made_hand
+from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.object_plant import TABLE
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.hand_file import HandFile, load_hand
@@ -62,7 +62,7 @@ def test_pads_touch_with_patches_also_if_their_model_has_points(tmp_path):
     text = (models / "gripper.yaml").read_text()
     hand = text.replace("package://drake_pregrasp/gripper.sdf", str(tmp_path / "gripper.sdf"))
     (tmp_path / "gripper.yaml").write_text(hand)
-    gripper = made_hand(load_hand(tmp_path / "gripper.yaml", folders=[tmp_path]))
+    gripper = HandModel(load_hand(tmp_path / "gripper.yaml", folders=[tmp_path]))
     initial = gripper.home(P_WO, 0.0)
     box = Box(size=[0.05] * 3)
     station = HandStation(box, Conveyor(), PLANT, gripper, friction=0.7, initial=initial)

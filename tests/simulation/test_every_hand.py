@@ -5,7 +5,7 @@ from conftest import LACKING_HANDS, usable_hands
 from simulation_runs import run_text
 
 from drake_pregrasp import ScenarioError, load_resolved
-from drake_pregrasp.diagrams.hand_model import made_hand
+from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import Lack
 from drake_pregrasp.simulation.hand_file import load_hand
 
@@ -39,7 +39,7 @@ OTHERS = [
 
 @pytest.mark.parametrize("hand", usable_hands())
 def test_every_shipped_hand_is_driven_and_reaches_its_home(hand, capfd):
-    model = made_hand(load_hand(f"package://drake_pregrasp/{hand}.yaml"))
+    model = HandModel(load_hand(f"package://drake_pregrasp/{hand}.yaml"))
     assert (model.kinematics.stiffness > 0).all()
     assert capfd.readouterr() == ("", "")
 

@@ -17,7 +17,7 @@ from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.object_config import Box, Conveyor, Cylinder, Mesh
 from drake_pregrasp.contacts.assignment import wrapped
 from drake_pregrasp.contacts.selection_input import ContactStatus
-from drake_pregrasp.diagrams.hand_model import made_hand
+from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.grasping.catch_limits import CatchLimit
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspState
@@ -346,7 +346,7 @@ def test_earlier_closing_times_change_nothing(study, monkeypatch):
     assert repr(last) == repr(alone)  # In which nan is as nan is.
 
 
-HAND = made_hand(load_hand("package://drake_pregrasp/five_finger_hand.yaml"))
+HAND = HandModel(load_hand("package://drake_pregrasp/five_finger_hand.yaml"))
 
 
 def test_objects_fit_if_some_width_is_in_the_opening_and_a_tip_reaches_under_their_top():
@@ -363,7 +363,7 @@ def test_objects_fit_if_some_width_is_in_the_opening_and_a_tip_reaches_under_the
 
 @pytest.mark.parametrize("standoff", [0.01, 0.02])
 def test_jaws_are_open_by_their_stroke_without_both_standoffs(standoff):
-    gripper = made_hand(load_hand("package://drake_pregrasp/gripper.yaml"))
+    gripper = HandModel(load_hand("package://drake_pregrasp/gripper.yaml"))
     assert opening(gripper, standoff)[1] == pytest.approx(0.11 - 2 * standoff, abs=1e-3)
 
 
