@@ -61,11 +61,15 @@ def test_run_from_a_file_with_drakes_flags(tmp_path):
     assert (tmp_path / "one" / "log.csv").exists()
 
 
-def test_graphviz_writes_the_diagram_and_simulates_nothing(tmp_path):
-    file = tmp_path / "diagram.dot"
-    assert main(["run", "a_base", "--graphviz", str(file), "--out", str(tmp_path / "runs")]) == 0
-    assert "safe_region_partitioner" in file.read_text()
-    assert not (tmp_path / "runs").exists()
+def test_graphviz_writes_the_diagram_and_simulates_nothing(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "a_base", "--graphviz", "diagram.dot"]) == 0
+    before = Path("diagram.dot").read_text()
+    assert "safe_region_partitioner" in before
+    assert [file.name for file in tmp_path.iterdir()] == ["diagram.dot"]
+    assert main(["run", "a_base", "--graphviz", "diagram.dot"]) == 2
+    assert "diagram.dot is there already" in capsys.readouterr().err
+    assert Path("diagram.dot").read_text() == before
 
 
 BAD = yaml.safe_load((Path(__file__).parent / "bad_commands.yaml").read_text())
@@ -92,6 +96,9 @@ def test_smooth_writes_a_stream_and_says_so(tmp_path, capsys):
     assert main(["smooth", str(source), str(target)]) == 0
     assert capsys.readouterr().out == f"121 poses smoothed into {target}\n"
     assert len(target.read_text().splitlines()) == 122
+    assert main(["smooth", str(target), str(target)]) == 2
+    assert f"{target} is there already" in capsys.readouterr().err
+    assert len(target.read_text().splitlines()) == 122
     assert main(["smooth", str(source), "/dev/null/x"]) == 2
     assert "/dev/null/x: cannot be written" in capsys.readouterr().err
 
@@ -102,6 +109,7 @@ def test_smooth_accepts_just_the_settings_that_change_what_it_writes(tmp_path, c
 
     def smoothed(**settings):
         target = tmp_path / "smoothed.csv"
+        target.unlink(missing_ok=True)
         status = main(["smooth", str(source), str(target), "--estimator", json.dumps(settings)])
         return status or target.read_text()
 

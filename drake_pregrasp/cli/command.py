@@ -137,6 +137,9 @@ def _parser() -> argparse.ArgumentParser:
         "input", metavar="IN", help="CSV (time,x,y,z,qw,qx,qy,qz), MCAP or rosbag2"
     )
     smoother.add_argument("output", metavar="OUT.csv", help="the same, and vx,vy,vz,wx,wy,wz")
+    for name, what in (("topic", "topic of the poses"), ("frame", "frame of the object")):
+        text = f"{what} in an MCAP file or a rosbag2, if there are several"
+        smoother.add_argument(f"--{name}", default="", metavar="NAME", help=text)
     smoother.add_argument(
         "--estimator",
         default="{}",
@@ -173,6 +176,7 @@ def _repair(options: argparse.Namespace) -> int:
 
 def _smooth(options: argparse.Namespace) -> int:
     config = load_estimator(options.estimator)
-    rows = smooth_file(Path(options.input), Path(options.output), config)
+    source, target = Path(options.input), Path(options.output)
+    rows = smooth_file(source, target, config, topic=options.topic, frame=options.frame)
     print(f"{rows} poses smoothed into {options.output}")
     return 0

@@ -2,15 +2,18 @@
 
 import argparse
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 from drake_pregrasp.cli.run_command import (
     OUT,
     add_allow_option,
+    add_overwrite_option,
     add_scenario_options,
     grasp_in_words,
     load_chosen,
+    refuse_options,
     stop_on_signals,
 )
 from drake_pregrasp.config.yaml_text import MAX_BYTES
@@ -32,6 +35,7 @@ def add_commands(commands: "argparse._SubParsersAction[Any]") -> None:
     export = commands.add_parser("export", help="write the motion and the postures of a grasp")
     export.set_defaults(command=_export)
     add_scenario_options(export, or_run=True)
+    add_overwrite_option(export)
     replay = commands.add_parser("replay", help="repeat a run with MuJoCo, or test its postures")
     replay.set_defaults(command=_replay)
     add = replay.add_argument
@@ -40,18 +44,27 @@ def add_commands(commands: "argparse._SubParsersAction[Any]") -> None:
     add("--postures", action="store_true", help="test the exported postures by DexGraspBench")
     add_allow_option(replay)
     add("--out", default=OUT, metavar="FOLDER", help="folder of run folders (%(default)s)")
+    add_overwrite_option(replay)
 
 
 def _export(options: argparse.Namespace) -> int:
     folder = Path(options.scenario or "")
     if options.scenario and (folder / _SCENARIO).is_file():
-        _refuse(options, "a run folder", "scenario_file", "scenario_text", "simulation_duration")
+        without = "scenario_file", "scenario_text", "simulation_duration", "overwrite", "out"
+        refuse_options(options, "on a run folder", *without)
         resolved = load_resolved(file=folder / _SCENARIO, folders=options.allow)
     else:
         name, resolved = load_chosen(options)
+        if resolved.hand is None:
+            raise InvalidArgumentError(f"{name}: has no hand, so there is no grasp to export")
         with stop_on_signals() as should_stop:
             done = run(
-                resolved, name=name, out=options.out, recording=False, should_stop=should_stop
+                resolved,
+                name=name,
+                out=options.out,
+                recording=False,
+                overwrite=options.overwrite,
+                should_stop=should_stop,
             )
         if not done.completed:
             return INTERRUPTED_STATUS
@@ -66,7 +79,7 @@ def _replay(options: argparse.Namespace) -> int:
     if not (folder / _SCENARIO).is_file():
         raise InvalidArgumentError(f"{folder}: is no run folder: it has no {_SCENARIO}")
     if options.postures:
-        _refuse(options, "the test of postures")
+        refuse_options(options, "on the test of postures", "overwrite", "out")
         if options.engine != MUJOCO:
             raise InvalidArgumentError(f"--postures: tested by {MUJOCO}, not by {options.engine}")
     text = f"{{engine: {options.engine}}}"
@@ -76,9 +89,16 @@ def _replay(options: argparse.Namespace) -> int:
     if options.postures:
         return _test_postures(options, resolved)
     first, was_held = _outcome(folder)
-    name = f"{folder.resolve().name}-{options.engine}"
+    name = f"{re.sub('[^A-Za-z0-9.-]', '_', folder.resolve().name).lstrip('_.')}-{options.engine}"
     with stop_on_signals() as should_stop:
-        done = run(resolved, name=name, out=options.out, should_stop=should_stop, recording=False)
+        done = run(
+            resolved,
+            name=name,
+            out=options.out,
+            recording=False,
+            overwrite=options.overwrite,
+            should_stop=should_stop,
+        )
     if not done.completed:
         return INTERRUPTED_STATUS
     second, is_held = _outcome(done.folder)
@@ -87,14 +107,6 @@ def _replay(options: argparse.Namespace) -> int:
     print(f"verdicts    {'agree' if was_held == is_held else 'differ'}")
     print(f"results in {done.folder}")
     return 0
-
-
-def _refuse(options: argparse.Namespace, where: str, *names: str) -> None:
-    """Refuses options without effect, if they are given, and --out."""
-    given = [name for name in names if getattr(options, name) is not None]
-    given += ["out"] * (options.out != OUT)
-    if given:
-        raise InvalidArgumentError(f"--{given[0]}: has no effect on {where}; leave it out")
 
 
 def _outcome(folder: Path) -> tuple[str, bool]:

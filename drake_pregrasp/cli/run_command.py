@@ -12,12 +12,12 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from drake_pregrasp.errors import ScenarioError
+from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
 from drake_pregrasp.live.live_page import serve_live_run
 from drake_pregrasp.quality.grasp_quality import QUALITY_MEASURES
-from drake_pregrasp.simulation.output import INTERRUPTED_STATUS, handling
+from drake_pregrasp.simulation.output import INTERRUPTED_STATUS, check_new, handling
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
-from drake_pregrasp.simulation.run import RunResult, run, write_graphviz
+from drake_pregrasp.simulation.run import RunResult, check_name, run, write_graphviz
 from drake_pregrasp.simulation.scenario_file import load_resolved, only_name
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
@@ -166,7 +166,7 @@ def add_command(commands: "argparse._SubParsersAction[Any]") -> None:
     parser.set_defaults(command=_run)
     add_scenario_options(parser)
     add = parser.add_argument
-    add("--overwrite", action="store_true", help="replace a run of another scenario")
+    add_overwrite_option(parser)
     add("--no-recording", action="store_true", help="do not make recording.html")
     add("--mcap", action="store_true", help="also write run.mcap for Foxglove (extra interfaces)")
     add("--graphviz", metavar="FILE", help="write the diagram to this file, without a simulation")
@@ -215,6 +215,26 @@ def add_allow_option(parser: argparse.ArgumentParser, source: str = "scenario") 
     )
 
 
+def add_overwrite_option(parser: argparse.ArgumentParser) -> None:
+    """Adds --overwrite."""
+    text = "replace a run of another scenario"
+    parser.add_argument("--overwrite", action="store_true", help=text)
+
+
+def refuse_options(options: argparse.Namespace, where: str, *names: str) -> None:
+    """Refuses options that are given, but have no effect.
+
+    Args:
+        options: Options of the command.
+        where: What they have no effect on or with, for the message.
+        names: Names of the options.
+    """
+    for name in names:
+        if getattr(options, name) not in (None, False, OUT):
+            option = name.replace("no_", "no-")
+            raise InvalidArgumentError(f"--{option}: has no effect {where}; leave it out")
+
+
 def _live(options: argparse.Namespace) -> int:
     if not (options.scenario or options.scenario_file):
         options.scenario = "grasp_five_finger"
@@ -243,6 +263,9 @@ def _film(options: argparse.Namespace) -> int:
 def _run(options: argparse.Namespace) -> int:
     name, scenario = load_chosen(options)
     if options.graphviz is not None:
+        without = "overwrite", "no_recording", "mcap", "out"
+        refuse_options(options, "with --graphviz", *without)
+        check_new(Path(options.graphviz))
         write_graphviz(make_diagram(scenario), Path(options.graphviz))
         return 0
     with stop_on_signals() as should_stop, run_bar(scenario) as on_tick:
@@ -268,10 +291,12 @@ def load_chosen(options: argparse.Namespace) -> tuple[str, ResolvedScenario]:
         if file is None:
             raise ScenarioError("", "", "give a shipped scenario's name, or --scenario_file")
         name = only_name(file)
-    return name, load_resolved(
+    resolved = load_resolved(
         name,
         file=file,
         text=options.scenario_text,
         folders=options.allow,
         simulation_duration=options.simulation_duration,
     )
+    check_name(name)
+    return name, resolved

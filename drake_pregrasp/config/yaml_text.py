@@ -141,6 +141,9 @@ def _check_document(source: str, root: yaml.Node) -> None:
         parts = node.value
         if isinstance(node, yaml.MappingNode):
             refuse_bad_keys([key for key, _ in parts])
+            for key, merged in parts:  # PyYAML does not say which of several counts.
+                if key.tag == _MERGE and isinstance(merged, yaml.SequenceNode):
+                    refuse_bad_keys([k for n in merged.value for k, _ in _pairs(n)])
             parts = [part for pair in parts for part in pair]
         counts, depths = zip(*map(measure, parts), strict=True) if parts else ((), (0,))
         sizes[id(node)] = size, depth = 1 + sum(counts), 1 + max(depths)
@@ -153,7 +156,7 @@ def _check_document(source: str, root: yaml.Node) -> None:
                 raise error(key, "a list or mapping cannot be a key")
             if key.value == TAG_KEY:
                 raise error(key, f"{TAG_KEY} is not a key; write a tag, as in !Box {{...}}")
-            if key.tag != _MERGE and (key.tag, key.value) in seen:
+            if (key.tag, key.value) in seen:
                 raise error(key, f"the key {key.value[:_SHOWN]} occurs twice")
             seen.add((key.tag, key.value))
 
@@ -165,6 +168,10 @@ def _check_document(source: str, root: yaml.Node) -> None:
         raise error(root, f"its aliases expand to more than {MAX_VALUES} values")
     if depth > MAX_DEPTH:
         raise error(root, f"its aliases nest more than {MAX_DEPTH} levels deep")
+
+
+def _pairs(node: yaml.Node) -> list[tuple[yaml.Node, yaml.Node]]:
+    return node.value if isinstance(node, yaml.MappingNode) else []
 
 
 class _Loader(SafeLoader):

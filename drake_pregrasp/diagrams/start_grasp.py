@@ -263,8 +263,8 @@ def _check_room(hand: HandDescription, has_room: BoolArray) -> None:
 def hand_planner(config: PlannerConfig, grasp: GraspConfig, hand: HandDescription) -> PlannerConfig:
     """Returns a planner's configuration with the limits of a hand.
 
-    Limits of the configuration take precedence over those of the hand. The forbidden faces of a
-    finger are those of both.
+    Limits of the configuration that are not at their defaults take precedence over those of the
+    hand. The forbidden faces of a finger are those of both.
 
     Args:
         config: Configuration of the planner.

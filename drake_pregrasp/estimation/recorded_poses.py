@@ -30,6 +30,9 @@ MAX_LINE = 10_000
 MAX_DISTANCE = 100.0
 """Largest coordinate of a position, in metres: larger ones are probably in millimetres."""
 
+MAX_TIME = 1e10
+"""Largest time of a pose, in seconds: larger ones are probably in nanoseconds."""
+
 QUATERNION_TOLERANCE = 0.01
 """Largest deviation of a quaternion's length from 1, so that a few digits are enough."""
 
@@ -59,6 +62,22 @@ class RecordedPoses:
         table = np.array(rows)
         quaternions = np.roll(table[:, _QUATERNION], -1, axis=1)
         return RecordedPoses(table[:, 0], table[:, _POSITION], Rotation.from_quat(quaternions))
+
+    def check_moves_within(self, duration: float) -> None:
+        """Checks that the object does not stand still all through a run.
+
+        Args:
+            duration: Duration of the run, in seconds.
+
+        Raises:
+            InvalidArgumentError: If there are several poses, and all are before or after the run.
+        """
+        first, last = self.times[[0, -1]].tolist()
+        if first < last and (first >= duration or last <= 0):
+            raise InvalidArgumentError(
+                f"has poses from {first:.10g} s to {last:.10g} s, and the run is from 0 s to"
+                f" {duration:g} s; times count from the start of the run"
+            )
 
     def at(self, time: float) -> tuple[FloatArray, Rotation]:
         """Returns position and orientation at a time, in seconds.
@@ -156,12 +175,17 @@ def check_pose(row: str, values: Sequence[float], previous: float) -> None:
         previous: Time of the row before, in seconds.
 
     Raises:
-        InvalidArgumentError: If the time does not increase, the position is too far away, or the
-            quaternion has not length 1.
+        InvalidArgumentError: If the time does not increase or is too far from 0, the position is
+            too far away, or the quaternion has not length 1.
     """
     if not values[0] > previous:
         raise InvalidArgumentError(
             f"{row}, column time: {values[0]:g} must be more than {previous:g} before it"
+        )
+    if abs(values[0]) > MAX_TIME:
+        raise InvalidArgumentError(
+            f"{row}, column time: {values[0]:g} s is more than {MAX_TIME:g} s from 0; times must be"
+            " in seconds, are these nanoseconds?"
         )
     for column, value in zip(COLUMNS[_POSITION], values[_POSITION], strict=True):
         if abs(value) > MAX_DISTANCE:

@@ -98,7 +98,7 @@ def read_poses(path: Path, topic: str = "", frame: str = "") -> RecordedPoses:
         InvalidArgumentError: If the file is invalid or too large, has no such poses or several, or
             if a package that reads it is not installed.
     """
-    if not path.is_dir() and path.suffix != ".mcap":
+    if not path.is_dir() and path.suffix.lower() != ".mcap":
         if topic or frame:
             raise InvalidArgumentError(f"{path}: a CSV file has neither topics nor frames")
         return read_recorded_poses(path)
@@ -124,15 +124,16 @@ def _only_track(path: Path, topic: str, frame: str) -> tuple[Track, dict[int, Po
     from rosbags.typesys import Stores, get_typestore
 
     typestore = get_typestore(Stores.ROS2_HUMBLE)  # Its messages are those of all distributions.
-    tracks: dict[Track, dict[int, Pose]] = {}
+    tracks: dict[Track, dict[tuple[int, int], Pose]] = {}  # By stamps, and log times of those at 0.
     total = 0
     for message in _messages(path):
         if len(message[-1]) > MAX_MESSAGE_BYTES:
             raise InvalidArgumentError(f"has a message of more than {MAX_MESSAGE_BYTES / 1e6:g} MB")
         for track, stamp, values in _poses(message, typestore):
             poses = tracks.setdefault(track, {})
-            total += stamp not in poses
-            poses.setdefault(stamp, values)
+            key = stamp, 0 if stamp else message[2]
+            total += key not in poses
+            poses.setdefault(key, values)
             if len(poses) > MAX_ROWS or total > MAX_POSES:
                 raise InvalidArgumentError(
                     f"{track}: has more than {MAX_ROWS} poses (all frames: {MAX_POSES}); take fewer"
@@ -150,7 +151,13 @@ def _only_track(path: Path, topic: str, frame: str) -> tuple[Track, dict[int, Po
         is_named = len({(t.topic, t.frame) for t in chosen}) == 1
         remedy = "keep one parent only" if is_named else "name one of them by topic and frame"
         raise InvalidArgumentError(f"has {found}: {remedy}")
-    return chosen[0], tracks[chosen[0]]
+    poses = tracks[chosen[0]]
+    if not any(stamp for stamp, _ in poses):  # Whoever recorded it has not set them.
+        return chosen[0], {log_time: pose for (_, log_time), pose in poses.items()}
+    by_stamp: dict[int, Pose] = {}
+    for (stamp, _), pose in poses.items():
+        by_stamp.setdefault(stamp, pose)
+    return chosen[0], by_stamp
 
 
 def _messages(path: Path) -> Iterator[_Message]:
@@ -281,7 +288,7 @@ def _sqlite_messages(file: Path, is_late: Callable[[], bool]) -> Iterator[_Messa
 
 def _poses(message: _Message, typestore: Any) -> Iterator[tuple[Track, int, Pose]]:
     """Yields the frames of the poses in a message, their stamps in nanoseconds, and the poses."""
-    topic, kind, log_time, data = message
+    topic, kind, _, data = message
     is_json = kind.startswith(_FOXGLOVE)
     if is_json:
         value = json.loads(data, object_hook=lambda entries: SimpleNamespace(**entries))
@@ -297,8 +304,4 @@ def _poses(message: _Message, typestore: Any) -> Iterator[tuple[Track, int, Pose
         if not type(stamp.sec) is type(fraction) is int:
             raise InvalidArgumentError(f"topic {topic!r}: has a time that is no whole number")
         nanoseconds = stamp.sec * 10**9 + fraction
-        yield (
-            Track(topic, str(frame), str(parent)),
-            nanoseconds or log_time,
-            tuple(map(float, values)),
-        )
+        yield Track(topic, str(frame), str(parent)), nanoseconds, tuple(map(float, values))

@@ -22,6 +22,7 @@ from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.simulation.output import make_folder, make_numbered_folder, write_text
 from drake_pregrasp.simulation.recording import camera_view, make_timeline, recording_html
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario, resolve_scenario
+from drake_pregrasp.simulation.run import check_name
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import dump_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram, make_simulator
@@ -59,6 +60,7 @@ class LiveRun:
     """
 
     def __init__(self, resolved: ResolvedScenario, *, name: str, meshcat: Meshcat) -> None:
+        check_name(name)
         scenario = resolved.scenario
         self._name, self._meshcat, self._first = name, meshcat, scenario
         self._resolved, self._camera = resolved, camera_view(resolved, live=True)
@@ -128,6 +130,9 @@ class LiveRun:
         diagram, simulator = self._diagram, self._simulator
         self.scenario = copy.deepcopy(before)
         edit(self.scenario)
+        # A run goes on beyond the scenario's end, at which its events are checked.
+        end = self.time + self.scenario.planner.period
+        self.scenario.simulation_duration = max(self.scenario.simulation_duration, end)
         try:
             self._simulator = self._simulate()
             _copy_state(simulator, self._simulator)
@@ -253,7 +258,12 @@ class LiveRun:
             self._meshcat.StartRecording(frames, set_visualizations_while_recording=True)
         write_text(folder / "recording.html", page)
         scenario = copy.deepcopy(self.scenario)
-        scenario.simulation_duration = max(self.time, scenario.planner.period)
+        scenario.simulation_duration = end = max(self.time, scenario.planner.period)
+        scenario.damage = [
+            replace(event, until=event.until if event.until <= end else 0.0)
+            for event in scenario.damage
+            if event.at <= end
+        ]
         write_text(folder / "scenario.yaml", dump_scenario(self._name, scenario))
         return folder / "recording.html"
 

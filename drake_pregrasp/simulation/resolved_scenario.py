@@ -36,6 +36,7 @@ from drake_pregrasp.errors import (
     errors_at,
     raise_first,
 )
+from drake_pregrasp.estimation.recorded_poses import RecordedPoses
 from drake_pregrasp.fast import default_kernels
 from drake_pregrasp.fast.kernels import Kernels
 from drake_pregrasp.geometry.mesh_solid import MeshSolid
@@ -193,6 +194,8 @@ def _resolved(
     raise_first(scenario_check.scenario_problems(scenario, count, surface, plant_config))
     with errors_at("motion.file"):
         motion = read_motion(scenario.motion)
+        if isinstance(motion, RecordedPoses):
+            motion.check_moves_within(scenario.simulation_duration)
     X_WO, model, planner = initial_pose(motion, shape), None, scenario.planner
     waiting = X_WO
     if source is None:

@@ -76,6 +76,18 @@ class RunResult:
         return bool(self.summary["completed"])
 
 
+def check_name(name: str) -> None:
+    """Checks the name of a run, which its folder and files have.
+
+    Raises:
+        ScenarioError: If it has other characters than letters, digits, `_`, `-` and `.`, or begins
+            with `_` or `.`.
+    """
+    if not re.fullmatch(r"[A-Za-z0-9-][A-Za-z0-9_.-]*", name):
+        problem = "a run's name must have only letters, digits, '_', '-', '.'"
+        raise ScenarioError("", name, f"{problem}, and not begin with '_' or '.'")
+
+
 def run(
     scenario: Scenario | ResolvedScenario,
     *,
@@ -94,7 +106,7 @@ def run(
 
     Args:
         scenario: Scenario to simulate.
-        name: Name of the run folder, made of letters, digits, `_`, `-` and `.`.
+        name: Name of the run folder; see `check_name`.
         out: Parent of the run folders, made if it does not exist.
         recording: Whether to write `recording.html`.
         mcap: Whether to write `run.mcap`, which Foxglove shows; it needs the extra `interfaces`.
@@ -109,8 +121,7 @@ def run(
         OutputError: If the run folder cannot be written, has a run of another scenario, or is in
             use by another run.
     """
-    if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*", name):
-        raise ScenarioError("", name, "a run's name must have only letters, digits, '_', '-', '.'")
+    check_name(name)
     resolved = resolve(scenario)
     if recording:
         check_recording("scenario", resolved.scenario, resolved.surface)

@@ -125,7 +125,8 @@ def only_name(file: str | Path) -> str:
     """
     names = list(read_mapping(Path(file)))
     if len(names) != 1:
-        problem = f"choose one scenario by its name; there are: {', '.join(names)}"
+        listed = ", ".join(names) or "none; names that begin with '_' are not entries"
+        problem = f"choose one scenario by its name; there are: {listed}"
         raise ScenarioError(str(file), "", problem)
     return names[0]
 

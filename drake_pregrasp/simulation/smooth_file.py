@@ -12,7 +12,7 @@ from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.estimation.pose_smoother import filter_poses, smooth
 from drake_pregrasp.estimation.recorded_poses import COLUMNS
 from drake_pregrasp.interfaces.pose_files import read_poses
-from drake_pregrasp.simulation.output import write_named_text
+from drake_pregrasp.simulation.output import check_new, write_named_text
 from drake_pregrasp.simulation.schema_check import load_checked
 
 VELOCITY_COLUMNS = ("vx", "vy", "vz", "wx", "wy", "wz")
@@ -45,21 +45,26 @@ def load_estimator(text: str) -> EstimatorConfig:
     return config
 
 
-def smooth_file(source: Path, target: Path, config: EstimatorConfig) -> int:
+def smooth_file(
+    source: Path, target: Path, config: EstimatorConfig, *, topic: str = "", frame: str = ""
+) -> int:
     """Smooths a file of poses, and returns the number of poses.
 
     The written file is also a pose stream, with velocities in further columns.
 
     Args:
-        source: CSV file with the columns `COLUMNS`, or an MCAP file or a rosbag2 with one pose.
-        target: CSV file to write.
+        source: CSV file with the columns `COLUMNS`, or an MCAP file or a rosbag2.
+        target: CSV file to write, which must not be there yet.
         config: Settings of the filter.
+        topic: Topic of the poses in an MCAP file or a rosbag2; empty for the only one.
+        frame: Name of the object's frame in messages with transforms; empty for the only one.
 
     Raises:
         InvalidArgumentError: If the source cannot be read or is invalid.
-        OutputError: If the target cannot be written.
+        OutputError: If the target is there already, or cannot be written.
     """
-    track = read_poses(source)
+    check_new(target)
+    track = read_poses(source, topic=topic, frame=frame)
     noise = replace(filter_noise(config), manoeuvre_rate=0.0)
     beliefs = smooth(filter_poses(track.times, track.p_WO, track.R_WO.as_matrix(), noise), noise)
     lines = [",".join((*COLUMNS, *VELOCITY_COLUMNS))]

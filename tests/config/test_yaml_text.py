@@ -25,6 +25,11 @@ def test_shipped_files_are_read_as_drake_reads_them(file):
     ("text", "problem"),
     [
         ("a: 1\nb: {c: 1, c: 2}", "line 2: the key c occurs twice"),
+        ("a: &a {x: 1}\nb: {<<: *a, <<: *a}", "line 2: the key << occurs twice"),
+        (
+            "a: &a {x: 1}\nb: &b {x: 2, y: 1}\nc: {<<: [*a, *b]}",
+            "line 2: the key x occurs twice",
+        ),
         ("? [1]\n: 2", "line 1: a list or mapping cannot be a key"),
         ("a: &a [*a]", "line 1: an alias contains itself"),
         ("a: *b", "is not valid YAML: line 1: found undefined alias"),
@@ -64,6 +69,8 @@ def test_a_tag_of_python_is_a_word_like_any_other():
 
 def test_merges_may_be_overridden():
     assert parse_yaml("file", "a: &a {x: 1, y: 1}\nb: {<<: *a, x: 2}")["b"] == {"x": 2, "y": 1}
+    both = parse_yaml("file", "a: &a {x: 1}\nb: &b {y: 2}\nc: {<<: [*a, *b]}")["c"]
+    assert both == {"x": 1, "y": 2}
 
 
 def test_an_error_crosses_to_another_process_as_it_is():

@@ -46,6 +46,7 @@ def test_rows_become_poses_whatever_the_order_of_the_columns(tmp_path, text):
         (HEADER + "0,1,2,nan,1,0,0,0\n", "row 2, column z: 'nan' must be a finite number"),
         (HEADER + "0,1,2,3,inf,0,0,0\n", "row 2, column qw: 'inf' must be a finite number"),
         (HEADER + GOOD + GOOD, "row 3, column time: 0 must be more than 0 before it"),
+        (HEADER + "1.7e18,1,2,3,1,0,0,0\n", "column time: 1.7e+18 s is more than 1e+10 s from 0"),
         (HEADER + "0,1,2,350,1,0,0,0\n", "column z: 350 m is more than 100 m away; positions"),
         (HEADER + "0,1,2,3,0,0,0,0\n", "columns qw to qz: a quaternion of length 0 must have"),
         (HEADER + "0,1,2,3,1,0.2,0,0\n", "a quaternion of length 1.02 must have length 1"),
@@ -62,6 +63,18 @@ def test_bad_files_are_refused_in_one_line(tmp_path, text, problem):
     assert str(caught.value).startswith(str(tmp_path / "poses.csv"))
     assert problem in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_poses_by_another_clock_are_refused_since_the_object_would_stand_still(tmp_path):
+    for start, is_used in ((-5.0, False), (-1.9, True), (0.0, True), (9.9, True), (1.7e9, False)):
+        rows = f"{start},0,0,0,1,0,0,0\n{start + 2},1,0,0,1,0,0,0\n"
+        track = read(tmp_path, HEADER + rows)
+        if is_used:
+            track.check_moves_within(10.0)
+        else:
+            with pytest.raises(InvalidArgumentError, match="times count from the start of the run"):
+                track.check_moves_within(10.0)
+    read(tmp_path, HEADER + "99,0,0,0,1,0,0,0\n").check_moves_within(10.0)  # It stands still.
 
 
 def test_files_that_are_not_there_or_too_long_are_refused(tmp_path, monkeypatch):

@@ -115,6 +115,21 @@ def test_messages_without_stamps_have_the_time_of_their_recording(tmp_path):
     np.testing.assert_array_equal(track.times, [0.0, 1.0, 2.0])
 
 
+def test_stamps_may_begin_at_zero(tmp_path):
+    """As those of a bag of a simulation, which was recorded by the clock on the wall."""
+    kind = "geometry_msgs/msg/PoseStamped"
+    with BagWriter(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as bag:
+        connection = bag.add_connection("/poses", kind, typestore=STORE)
+        for k in range(4):
+            message = ros_message(kind, 0.1 * k, P[0] + [0.1 * k, 0, 0], Q[0])
+            message.header.stamp.sec -= START
+            log_time = (START + k) * 10**9
+            bag.write(connection, log_time, STORE.serialize_cdr(message, kind))
+    track = read_poses(tmp_path / "bag")
+    np.testing.assert_allclose(track.times, [0.0, 0.1, 0.2, 0.3])
+    np.testing.assert_allclose(track.p_WO[:, 0], [0.1, 0.2, 0.3, 0.4])
+
+
 def test_one_of_several_poses_is_named(tmp_path):
     folder = write_bag(tmp_path / "bag", "tf2_msgs/msg/TFMessage", StoragePlugin.MCAP, ("/a", "/b"))
     with pytest.raises(InvalidArgumentError, match="topic='/a', frame='camera', parent='base'"):

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from drake_pregrasp import InvalidArgumentError, load_scenario, make_diagram
+from drake_pregrasp import InvalidArgumentError, ScenarioError, load_scenario, make_diagram
 from drake_pregrasp.config.validation import scalar_problem
 from drake_pregrasp.live.live_controls import LiveControls, make_sliders, value_at
 from drake_pregrasp.live.live_run import LiveRun
 from drake_pregrasp.simulation.recording import start_meshcat
 from drake_pregrasp.simulation.scenario_file import load_resolved, resolve
+from drake_pregrasp.studies.gallery.film import film_scenario
 
 STEP = "plant_config: {time_step: 0.005}"
 NAMES = ["a_base", pytest.param("grasp_five_finger", marks=pytest.mark.slow)]
@@ -188,6 +189,33 @@ def test_each_recording_is_saved_in_a_folder_of_its_own(tmp_path):
     saved = [run.save(tmp_path).parent.name for _ in range(2)]
     assert saved == ["a_base-live-1", "a_base-live-3"]
     assert not (tmp_path / "elsewhere").exists()
+
+
+@pytest.mark.slow
+def test_fingers_are_lost_after_the_end_and_a_saved_run_has_only_what_has_happened(tmp_path):
+    """A conveyor goes on beyond the end of the scenario."""
+    scenario = load_resolved("f_damage", text="{simulation_duration: 20.0}")
+    assert scenario.scenario.damage
+    run = LiveRun(scenario, name="f_damage", meshcat=start_meshcat(live=True))
+    run.advance()
+    file = run.save(tmp_path).with_name("scenario.yaml")
+    assert not load_resolved(file=file).scenario.damage
+    short = load_resolved("a_base", text="{simulation_duration: 0.2}")
+    run = LiveRun(short, name="a_base", meshcat=start_meshcat(live=True))
+    while run.time < 0.35:
+        run.advance()
+    run.switch_finger(2)
+    assert [event.contacts for event in run.scenario.damage] == [[2]]
+
+
+def test_names_do_not_lead_out_of_the_folder(tmp_path):
+    resolved, meshcat = load_resolved("a_base"), start_meshcat(live=True)
+    for name in ("../a_base", "a/b", "_a", ".a", ""):
+        with pytest.raises(ScenarioError, match="a run's name must have only letters"):
+            LiveRun(resolved, name=name, meshcat=meshcat)
+        with pytest.raises(ScenarioError, match="a run's name must have only letters"):
+            film_scenario(resolved, name, tmp_path / "films")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow

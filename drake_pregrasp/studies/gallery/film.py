@@ -16,6 +16,7 @@ from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
 from drake_pregrasp.simulation.output import make_folder, replacing, writing
 from drake_pregrasp.simulation.recording import CameraView, camera_view, make_timeline
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
+from drake_pregrasp.simulation.run import check_name
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.studies.gallery import pictures
 from drake_pregrasp.studies.gallery.pictures import ByteArray, Light
@@ -143,8 +144,10 @@ def film_scenario(resolved: ResolvedScenario, name: str, out: Path) -> Path:
         out: Folder of the picture.
 
     Raises:
+        ScenarioError: If the name is invalid.
         OutputError: If the picture cannot be written.
     """
+    check_name(name)
     make_folder(out)
     duration = resolved.scenario.simulation_duration
     rehearsal = make_timeline(resolved, name)
