@@ -217,6 +217,8 @@ class StartCandidates:
         between = homes[pair.first] - homes[pair.second]
         along = [self._level[i, k] @ between for i, k in ((pair.first, a), (pair.second, b))]
         costs[along[0][:, None] <= along[1]] = np.inf
+        away = self._level[pair.first, a][:, None] - self._level[pair.second, b]
+        costs[np.linalg.norm(away, axis=2) <= self._room[pair.first, pair.second]] = np.inf
         if not np.any(costs < np.inf):
             return np.full(2, AWAY)
         best = int(np.argmax(costs <= np.min(costs) + TIE))

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.distance import pdist
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
-from drake_pregrasp.contacts.assignment import palm_turn
+from drake_pregrasp.contacts.assignment import palm_turn, turned_within
 from drake_pregrasp.contacts.hand_above_object import HandAboveObject, StartContacts
 from drake_pregrasp.contacts.start_candidates import AWAY, TIE, StartCandidates
 from drake_pregrasp.errors import Lack, NoGraspError
@@ -132,7 +132,8 @@ class _Search:
     def yaws(self) -> FloatArray:
         """Returns the yaws of the palm to try, in radians."""
         turns = 2 * np.pi / _YAWS * (np.arange(_YAWS) - _YAWS // 2)
-        return np.unique(np.clip(self._hand.yaw + turns, *self._hand.yaw_range))
+        yaws = (self._hand.yaw + turns).tolist()
+        return np.unique([turned_within(yaw, self._hand.yaw_range) for yaw in yaws])
 
     def settled(self, yaw: float, before: IntArray | None = None) -> _Trial:
         """Returns a trial at a yaw, in which fingers at first keep permitted candidates."""

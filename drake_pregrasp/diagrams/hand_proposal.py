@@ -117,9 +117,12 @@ def _chains(
     links = [[b for b in hand.bodies() if np.array_equal(moves[b.index()], end)] for end in ends]
     balls = [_balls(hand, inspector, own) for own in links]
     middle = np.mean([np.mean(own[:, :3], axis=0) for own in balls], axis=0)
+    prefix, names = "tip", [name for i in hand.instances for name in frame_names(hand.plant, i)]
+    while any(name.startswith(f"{prefix}_") for name in names):
+        prefix = f"finger{prefix}"
     for index, own in enumerate(is_own):
         mine = [joints[int(j)] for j in np.flatnonzero(own)]
-        tip = _fingertip(hand, links[index], balls[index], mine, middle, f"tip_{index}")
+        tip = _fingertip(hand, links[index], balls[index], mine, middle, f"{prefix}_{index}")
         chains.append(_Chain(mine, replace(tip, home=[_middle(joint) for joint in mine])))
     return chains, [joints[int(j)] for j in np.flatnonzero(np.all(ends, axis=0))]
 
@@ -349,13 +352,14 @@ def _with_arm_home(description: HandDescription, source: CheckedModel) -> HandDe
     base, plant = model.base, model.kinematics.plant
     assert isinstance(base, PalmArm)
     context, place = plant.CreateDefaultContext(), usual_place(model)
-    middle, half = base.at_home(model.fingers_home), (base.upper - base.lower) / 2
+    lower, upper = np.maximum(base.lower, -np.pi), np.minimum(base.upper, np.pi)
+    middle, half = base.at_home(model.fingers_home), (upper - lower) / 2
     for yaw in HOME_YAWS:
         X_WP, random, found = base.palm_goal(place, yaw), np.random.default_rng(0), []
         for start in range(_STARTS):
             q = np.array(middle)
             if start:
-                q[base.joints] = random.uniform(base.lower, base.upper)
+                q[base.joints] = random.uniform(lower, upper)
             for _ in range(_ARM_STEPS):
                 before, q = q, base.step_to(context, q, X_WP, middle)
                 if np.max(np.abs(q - before)) < _STILL:
@@ -364,7 +368,7 @@ def _with_arm_home(description: HandDescription, source: CheckedModel) -> HandDe
             if np.max(np.abs(pose_error(base.palm_pose(context), X_WP))) < _ARRIVED:
                 found.append(q[base.joints])
         if found:
-            home = min(found, key=lambda q: float(np.max(np.abs(q - base.lower - half) / half)))
+            home = min(found, key=lambda q: float(np.max(np.abs(q - lower - half) / half)))
             return replace(description, base=replace(description.base, home=_rounded(home)))
     return description
 

@@ -58,7 +58,12 @@ class HomeFingers:
         R_AW, p_AW = self._X_AW.rotation().matrix(), self._X_AW.translation()
         w, v = np.split(R_AW @ pose.screws.reshape(2, 3, -1), 2)
         screws = np.concatenate([w[0], v[0] + np.cross(p_AW, w[0], axisb=0, axisc=0)]).T
-        limits = home, kinematics.lower, kinematics.upper, kinematics.efforts
+        # Joints without limits turn once around.
+        limited = np.isfinite([kinematics.lower, kinematics.upper])
+        turns = home - np.pi, home + np.pi
+        lower = np.where(limited[0], kinematics.lower, turns[0])
+        upper = np.where(limited[1], kinematics.upper, turns[1])
+        limits = home, lower, upper, kinematics.efforts
         own = [kinematics.own_joints(finger) for finger in range(len(self.p_HT))]
         self.chains = [
             FingerChain(screws[j], tip, *(limit[j] for limit in limits))

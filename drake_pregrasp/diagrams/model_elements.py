@@ -32,7 +32,7 @@ SDF = _DRAKE | _names("""
     material ambient diffuse specular emissive surface friction ode mu mu2 joint parent child axis
     axis2 xyz limit lower upper effort velocity stiffness dissipation dynamics damping
     spring_reference spring_stiffness mimic multiplier offset reference screw_thread_pitch
-    thread_pitch frame
+    thread_pitch frame density
 """)
 """Elements of SDF that are copied; others are left out."""
 
@@ -57,7 +57,8 @@ REFUSED = _names("""
 ATTRIBUTES = _names("""
     name type version relative_to attached_to expressed_in canonical_link joint xyz rpy value ixx
     iyy izz ixy ixz iyz size radius length link rgba lower upper effort velocity damping friction
-    multiplier offset scale p d enabled ignore a b c drake:acceleration model angle autolimits
+    multiplier offset scale p d enabled ignore a b c drake:acceleration degrees rotation_format
+    placement_frame auto drake_ignore model angle autolimits
     coordinate eulerseq inertiafromgeom balanceinertia boundmass boundinertia settotalmass
     inertiagrouprange class childclass pos quat axisangle xyaxes zaxis euler range limited armature
     stiffness springref ref mass diaginertia fullinertia fromto density contype conaffinity group

@@ -14,7 +14,12 @@ from drake_pregrasp.config.hand_description import HandDescription, least_finger
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.object_config import GRAVITY
 from drake_pregrasp.config.planner_config import PlannerConfig
-from drake_pregrasp.contacts.assignment import assign_fingers_round, make_room, palm_turn
+from drake_pregrasp.contacts.assignment import (
+    assign_fingers_round,
+    make_room,
+    palm_turn,
+    turned_within,
+)
 from drake_pregrasp.contacts.hand_above_object import HandAboveObject, StartContacts
 from drake_pregrasp.contacts.start_contacts import choose_start_contacts
 from drake_pregrasp.diagrams.approaches import Approach, best_approach, table_height
@@ -191,8 +196,8 @@ def _contacts_or_reason(
 
     It is the arm's reach if the palm is held at no yaw, or if only that prevents a grasp.
     """
-    tried = np.unique(np.clip(np.linspace(-np.pi, np.pi, _PALM_YAWS), *hand.yaw_range))
-    yaws = sorted(tried.tolist(), key=abs)
+    turns = np.linspace(-np.pi, np.pi, _PALM_YAWS).tolist()
+    yaws = sorted({turned_within(yaw, hand.yaw_range) for yaw in turns}, key=abs)
     missed = list(itertools.takewhile(bool, map(palm_problem, yaws)))
     if len(missed) == len(yaws):
         nearest = min(filter(None, missed), key=_miss)

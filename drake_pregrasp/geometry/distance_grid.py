@@ -22,7 +22,7 @@ TIE = 1e-9
 """Difference of distances that is rounding, in metres."""
 
 _MOST_NODES = 300_000  # Large objects have larger cells.
-_EDGE = 0.005  # Longest edge of the parts of triangles, in metres.
+_EDGE = 0.005  # Longest edge of the parts of triangles in the smallest cells, in metres.
 _CHUNK = 20_000  # Nodes at a time.
 _CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
 
@@ -33,7 +33,8 @@ class DistanceGrid:
 
     Distances and gradients are those of the nearest face at the nodes of a grid, which is found
     from neighbour to neighbour, and are interpolated in its cells.
-    Outside the grid, the surface points nearest to the nodes of the nearest cell count.
+    Outside the grid, the surface points nearest to the nodes of the nearest cell count. Inside of
+    walls thinner than a cell, distances are above zero.
 
     Attributes:
         low: First node in M, shape (3,), in metres.
@@ -127,9 +128,10 @@ def distance_grid(mesh: trimesh.Trimesh, cell: float = CELL) -> DistanceGrid:
     low = mesh.bounds.mean(axis=0) - cell * (counts - 1) / 2
     p = low + cell * np.indices(counts).reshape(3, -1).T
     corners, normals = np.array(mesh.triangles), np.array(mesh.face_normals)
-    parts = split_triangles(corners, normals, _EDGE)
+    edge = _EDGE * max(1.0, cell / CELL)
+    parts = split_triangles(corners, normals, edge)
     # Long thin faces have many more parts than their size needs: one for each of them and place.
-    places = np.column_stack([parts.faces, np.round(parts.centroids / (_EDGE / 4))])
+    places = np.column_stack([parts.faces, np.round(parts.centroids / (edge / 4))])
     parts = parts.chosen(np.unique(places, axis=0, return_index=True)[1])
     # Nodes of the tree that fill space, rather than bound its points, take half the time here.
     tree = cKDTree(parts.centroids, compact_nodes=False, leafsize=32)

@@ -241,11 +241,12 @@ def scoped_frame(plant: MultibodyPlant, scoped_name: str) -> Frame:
 
 def frame_names(plant: MultibodyPlant, model: ModelInstanceIndex) -> list[str]:
     """Returns the names of a model's frames, except those that Drake adds for its joints."""
-    joints = [plant.get_joint(index).name() for index in plant.GetJointIndices(model)]
-    added = tuple(f"{joint}_" for joint in joints)
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices(model)]
+    used = [(j.name(), f.name()) for j in joints for f in (j.frame_on_parent(), j.frame_on_child())]
+    added = {frame for joint, frame in used if frame.startswith(f"{joint}_")}
     names = [plant.get_frame(index).name() for index in plant.GetFrameIndices(model)]
     bodies = [plant.get_body(index).name() for index in plant.GetBodyIndices(model)]
-    return [name for name in names if name in bodies or not name.startswith(added)]
+    return [name for name in names if name in bodies or name not in added]
 
 
 def _drives(plant: MultibodyPlant) -> FloatArray:

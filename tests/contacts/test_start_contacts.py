@@ -199,6 +199,16 @@ def test_a_larger_reach_gives_no_smaller_margin(name):
 
 
 @pytest.mark.slow
+@pytest.mark.slow
+def test_ranges_of_the_palm_that_differ_by_a_whole_turn_are_the_same():
+    shape = shape_of("box0")
+    (start, _), (turned, _) = (
+        chosen(shape, yaw_range=(low, low + 0.5)) for low in (-2.5, -2.5 + 2 * np.pi)
+    )
+    np.testing.assert_allclose(turned.p_OC, start.p_OC)
+    assert turned.yaw == pytest.approx(start.yaw + 2 * np.pi)
+
+
 def test_the_palm_stays_within_its_range():
     start, _ = chosen(shape_of("box0"), yaw_range=(0.2, 0.4))
     assert 0.2 <= start.yaw <= 0.4

@@ -1,11 +1,16 @@
 """Drives and fingertips of a proposed description."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from pydrake.geometry import SceneGraph
+from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import PdControllerGains, RevoluteJoint
+from pydrake.multibody.tree import BodyIndex, PdControllerGains, RevoluteJoint
 
 from drake_pregrasp.config.hand_description import Drive
+from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_parsing import read_model
 from drake_pregrasp.diagrams.hand_proposal import _drive, propose_hand
 
@@ -55,3 +60,89 @@ def test_jaws_touch_with_the_middle_of_their_faces_and_press_with_newtons(tmp_pa
     (drive,) = {(d.stiffness, d.effort) for d in hand.drives}
     assert drive == (1000.0, 40.0)
     assert "left_slide, right_slide: effort 40 N by default" in caplog.text
+
+
+KNUCKLE = """<joint name="{name}_bend" type="{kind}"><parent link="{parent}"/><child link="{name}"/>
+<origin xyz="{place}"/><axis xyz="{axis}"/>{limit}</joint>"""
+
+
+def fingers_urdf(kind="revolute", names=("l0", "l1", "l2")):
+    """Three fingers of two joints each, beside each other on a palm."""
+    limit = '<limit lower="-0.5" upper="1.2"/>' if kind == "revolute" else ""
+    parts = [
+        LINK.format(name="palm", mass=0.3, parts=PART.format(place="0 0 0", size="0.1 0.1 0.02"))
+    ]
+    for k, name in enumerate(names):
+        angle, link = 2 * np.pi / 3 * k, PART.format(place="0 0 0.02", size="0.01 0.01 0.04")
+        place = f"{0.04 * np.cos(angle):.4f} {0.04 * np.sin(angle):.4f} 0.02"
+        axis = f"{-np.sin(angle):.4f} {np.cos(angle):.4f} 0"
+        for parent, child, at in (
+            ("palm", f"{name}_near", place),
+            (f"{name}_near", name, "0 0 0.04"),
+        ):
+            parts.append(LINK.format(name=child, mass=0.02, parts=link))
+            parts.append(
+                KNUCKLE.format(
+                    name=child, kind=kind, parent=parent, place=at, axis=axis, limit=limit
+                )
+            )
+    return f"<robot name='hand'>{''.join(parts)}</robot>"
+
+
+def proposed(tmp_path, **changes):
+    (tmp_path / "hand.urdf").write_text(fingers_urdf(**changes))
+    model = str(tmp_path / "hand.urdf")
+    return propose_hand(model, read_model(model))
+
+
+def test_joints_without_limits_turn_once_around(tmp_path):
+    hand = HandModel(proposed(tmp_path, kind="continuous"))
+    for tree, chain in zip(hand.fingers.workspaces, hand.fingers.chains, strict=True):
+        assert np.isfinite(tree.data).all()
+        np.testing.assert_allclose(chain.upper - chain.lower, 2 * np.pi)
+
+
+def test_names_of_frames_are_those_that_the_model_has_left(tmp_path):
+    hand = proposed(tmp_path, names=("tip_0", "tip_1", "tip_2"))
+    assert [tip.frame for tip in hand.fingertips] == [f"fingertip_{k}" for k in range(3)]
+    # A frame may have a name that begins with that of a joint.
+    first, *others = hand.fingertips
+    named = replace(hand, fingertips=[replace(first, frame="tip_0_bend_pad"), *others])
+    assert np.isfinite(HandModel(named).p_HT).all()
+
+
+@pytest.mark.parametrize(
+    ("kind", "text"),
+    [
+        (
+            "sdf",
+            """<sdf version="1.11"><model name="m" placement_frame="b">
+            <link name="a"/><link name="b">
+            <pose relative_to="a" degrees="true">0 0.1 0.3 0 0 90</pose>
+            <inertial auto="true"><density>500</density></inertial><collision name="c">
+            <geometry><box><size>0.1 0.1 0.1</size></box></geometry></collision></link>
+            <link name="c"><pose rotation_format="quat_xyzw">0 0 1 0 0.6 0 0.8</pose></link>
+            </model></sdf>""",
+        ),
+        (
+            "urdf",
+            """<robot name="m"><link name="a"/><link name="b" drake_ignore="true"/></robot>""",
+        ),
+    ],
+)
+def test_the_checked_copy_of_a_model_is_the_model(tmp_path, kind, text):
+    (tmp_path / f"m.{kind}").write_text(text)
+    bodies = []
+    for read in (text, read_model(str(tmp_path / f"m.{kind}")).text):
+        plant, graph = MultibodyPlant(0.0), SceneGraph()
+        plant.RegisterAsSourceForSceneGraph(graph)
+        Parser(plant).AddModelsFromString(read, kind)
+        plant.Finalize()
+        context = plant.CreateDefaultContext()
+        models = [plant.get_body(BodyIndex(i)) for i in range(plant.num_bodies())]
+        poses = [body.EvalPoseInWorld(context).GetAsMatrix34() for body in models]
+        bodies.append(([b.name() for b in models], [b.default_mass() for b in models], poses))
+    (names, masses, poses), copied = bodies
+    assert names == copied[0]
+    np.testing.assert_allclose(masses, copied[1])
+    np.testing.assert_allclose(poses, copied[2], atol=1e-12)

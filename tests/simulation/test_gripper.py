@@ -60,6 +60,10 @@ def test_jaws_are_not_closed_on_places_at_different_heights():
             "lack of opening: the jaws open 90 mm between their standoffs; the narrowest place"
             " between opposite sides is 120 mm wide",
         ),
+        (
+            "object: {size: [0.006, 0.12, 0.08]}, planner: {limits: {tip_gap: 0.01}}",
+            "lack of room: at most 1 fingertips have room",
+        ),
         ("object: {mass: 5}", "fingers of 35, 35 N hold 35 N with friction 0.5"),
     ],
 )
