@@ -29,6 +29,8 @@ MAX_COORDINATE = 100.0
 MIN_EXTENT = 1e-3
 """Smallest extent of an object, the longest edge of its bounding box, in metres."""
 
+_FOLDED = 1e-4  # Angle between faces of a fold, in radians.
+_SEEN = 1e-3  # Share of the area from which on a folded face counts.
 _SECTIONS = (24, 256)  # Smallest and largest number of facets around a circle.
 _SUBDIVISIONS = (3, 6)  # Smallest and largest number, from the faces of an icosahedron.
 
@@ -249,6 +251,12 @@ def checked_mesh(mesh: trimesh.Trimesh, what: str) -> trimesh.Trimesh:
         raise InvalidArgumentError(
             f"{what} encloses no volume ({volume:.3g} m³ in {longest:.3g} m);"
             " it must be the surface of a solid body"
+        )
+    folded = mesh.face_adjacency[mesh.face_adjacency_angles > np.pi - _FOLDED]
+    if np.any(np.min(mesh.area_faces[folded], axis=1) > _SEEN * mesh.area):
+        raise InvalidArgumentError(
+            f"{what} folds back on itself, as polygons with a corner that points inward do; save it"
+            " with triangles"
         )
     moments = np.linalg.eigvalsh(mesh.moment_inertia * np.sign(volume))
     if not (moments[0] > 0 and moments[0] + moments[1] > moments[2]):

@@ -141,9 +141,26 @@ def touching():
     return both
 
 
+def polygons(first):
+    """A prism with the shape of an L, whose ends are polygons from one of their corners on."""
+    level = [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)]
+    lines = [f"v {x / 20} {y / 20} {z / 20}" for z in (0, 1) for x, y in level]
+    top = [7 + (k + first) % 6 for k in range(6)]
+    faces = [top, [k - 6 for k in (top[0], *top[:0:-1])]]
+    faces += [[k + 1, (k + 1) % 6 + 1, (k + 1) % 6 + 7, k + 7] for k in range(6)]
+    return "\n".join(lines + ["f " + " ".join(map(str, face)) for face in faces]) + "\n"
+
+
+def test_polygons_from_their_inner_corner_on_are_read_as_they_are(tmp_path):
+    (tmp_path / "polygons.obj").write_text(polygons(3))
+    mesh = shapes.load_shape(tmp_path / "polygons.obj").mesh
+    assert (mesh.volume, mesh.area) == pytest.approx((3 / 20**3, 14 / 20**2))
+
+
 @pytest.mark.parametrize(
     ("content", "name", "problem"),
     [
+        (polygons(5), "polygons.obj", "folds back on itself, as polygons .* save it with tri"),
         (
             edited(faces=slice(1, None)),
             "open.ply",
