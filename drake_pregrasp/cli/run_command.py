@@ -230,7 +230,8 @@ def refuse_options(options: argparse.Namespace, where: str, *names: str) -> None
         names: Names of the options.
     """
     for name in names:
-        if getattr(options, name) not in (None, False, OUT):
+        value = getattr(options, name)
+        if not (value is None or value is False or (name == "out" and value == OUT)):
             option = name.replace("no_", "no-")
             raise InvalidArgumentError(f"--{option}: has no effect {where}; leave it out")
 

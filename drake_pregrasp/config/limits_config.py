@@ -105,7 +105,7 @@ _LENGTH = {"at_least": 0, "at_most": 10}
 
 @dataclass
 class LimitsConfig:
-    """Limits on contact goals. With a hand, a default stands for the limit of the hand."""
+    """Limits on contact goals. A limit at its default is that of the hand, if there is one."""
 
     # Largest speed of a goal over the object, in m/s; 0 for no limit.
     max_speed: float = field(default=0.0, metadata=_LENGTH)

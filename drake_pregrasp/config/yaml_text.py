@@ -122,6 +122,7 @@ def _check_events(source: str, text: str) -> None:
 def _check_document(source: str, root: yaml.Node) -> None:
     """Rejects large or cyclic aliases, duplicate keys and long integers."""
     sizes: dict[int, tuple[int, int] | None] = {}
+    merged_lists: set[int] = set()
     known_tags = {*_Loader.yaml_constructors, _MERGE}
 
     def measure(node: yaml.Node) -> tuple[int, int]:
@@ -141,9 +142,12 @@ def _check_document(source: str, root: yaml.Node) -> None:
         parts = node.value
         if isinstance(node, yaml.MappingNode):
             refuse_bad_keys([key for key, _ in parts])
-            for key, merged in parts:  # PyYAML does not say which of several counts.
-                if key.tag == _MERGE and isinstance(merged, yaml.SequenceNode):
-                    refuse_bad_keys([k for n in merged.value for k, _ in _pairs(n)])
+            for key, merged in parts:  # Which of equal keys counts is not the same in all versions.
+                is_list = key.tag == _MERGE and isinstance(merged, yaml.SequenceNode)
+                if is_list and id(merged) not in merged_lists:
+                    merged_lists.add(id(merged))
+                    keys = [k for n in merged.value for k, _ in _pairs(n)]
+                    refuse_bad_keys([k for k in keys if k.tag != _MERGE])
             parts = [part for pair in parts for part in pair]
         counts, depths = zip(*map(measure, parts), strict=True) if parts else ((), (0,))
         sizes[id(node)] = size, depth = 1 + sum(counts), 1 + max(depths)

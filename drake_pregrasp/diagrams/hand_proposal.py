@@ -352,7 +352,8 @@ def _with_arm_home(description: HandDescription, source: CheckedModel) -> HandDe
     base, plant = model.base, model.kinematics.plant
     assert isinstance(base, PalmArm)
     context, place = plant.CreateDefaultContext(), usual_place(model)
-    lower, upper = np.maximum(base.lower, -np.pi), np.minimum(base.upper, np.pi)
+    lower = np.where(np.isfinite(base.lower), base.lower, -np.pi)
+    upper = np.where(np.isfinite(base.upper), base.upper, np.pi)
     middle, half = base.at_home(model.fingers_home), (upper - lower) / 2
     for yaw in HOME_YAWS:
         X_WP, random, found = base.palm_goal(place, yaw), np.random.default_rng(0), []

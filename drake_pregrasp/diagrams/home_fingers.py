@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.contact_pairs import Pair
 from drake_pregrasp.diagrams.palm_base import CarrierOrArm
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.grasp_state import BASE
 from drake_pregrasp.regions.finger_measures import FingerChain, FingerLinks, FingerMeasures
 from drake_pregrasp.systems.hand_kinematics import HandKinematics
@@ -59,12 +60,17 @@ class HomeFingers:
         w, v = np.split(R_AW @ pose.screws.reshape(2, 3, -1), 2)
         screws = np.concatenate([w[0], v[0] + np.cross(p_AW, w[0], axisb=0, axisc=0)]).T
         # Joints without limits turn once around.
-        limited = np.isfinite([kinematics.lower, kinematics.upper])
-        turns = home - np.pi, home + np.pi
-        lower = np.where(limited[0], kinematics.lower, turns[0])
-        upper = np.where(limited[1], kinematics.upper, turns[1])
-        limits = home, lower, upper, kinematics.efforts
+        limits = [kinematics.lower, kinematics.upper]
+        lower, upper = (
+            np.where(np.isfinite(limit), limit, home + turn)
+            for limit, turn in zip(limits, (-np.pi, np.pi), strict=True)
+        )
+        limits = [home, lower, upper, kinematics.efforts]
         own = [kinematics.own_joints(finger) for finger in range(len(self.p_HT))]
+        slides = ~np.isfinite(kinematics.upper - kinematics.lower) & ~screws[:, :3].any(axis=1)
+        for joint in (j for j in np.concatenate(own).tolist() if slides[j]):
+            name = kinematics.plant.GetPositionNames()[joint]
+            raise InvalidArgumentError(f"joint {name} slides without limits; give it a <limit>")
         self.chains = [
             FingerChain(screws[j], tip, *(limit[j] for limit in limits))
             for j, tip in zip(own, self.p_HT, strict=True)

@@ -29,7 +29,7 @@ MAX_COORDINATE = 100.0
 MIN_EXTENT = 1e-3
 """Smallest extent of an object, the longest edge of its bounding box, in metres."""
 
-_FOLDED = 1e-4  # Angle between faces of a fold, in radians.
+_FOLDED = 5e-3  # Angle between faces of a fold, in radians.
 _SEEN = 1e-3  # Share of the area from which on a folded face counts.
 _SECTIONS = (24, 256)  # Smallest and largest number of facets around a circle.
 _SUBDIVISIONS = (3, 6)  # Smallest and largest number, from the faces of an icosahedron.

@@ -53,11 +53,11 @@ class HeldMotion:
             p_GCoM: Centre of mass in G, shape (3,), in metres: the origin of G turns about it.
         """
         (w, v), dt = self.V_WG, time - self.time
-        R_WG = rotation_matrix(dt * w) @ self.R_WG
+        R_WG, w_cross = rotation_matrix(dt * w) @ self.R_WG, skew(w)
         before, after = self.R_WG @ p_GCoM, R_WG @ p_GCoM
-        v_CoM, change = v + skew(w) @ before, dt * self.a_W
+        v_CoM, change = v + w_cross @ before, dt * self.a_W
         p_WG = self.p_WG + before + dt * (v_CoM + change / 2) - after
-        V_WG = np.array([w, v_CoM + change - skew(w) @ after])
+        V_WG = np.array([w, v_CoM + change - w_cross @ after])
         return replace(self, time=time, R_WG=R_WG, p_WG=p_WG, V_WG=V_WG)
 
     def stopping(self, time: float, duration: float) -> "HeldMotion":

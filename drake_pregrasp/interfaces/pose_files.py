@@ -45,6 +45,7 @@ MAX_TOPICS = 1000
 """Largest number of topics with poses, and of frames."""
 
 _LISTED = 8  # Choices in a message.
+_CLOCK = 10**15  # Stamp in nanoseconds, 12 days, beyond which it is that of a clock.
 _MAGIC = 8  # Bytes before the first record of an MCAP file.
 _RECORD = struct.Struct("<BQ")  # Opcode and length of a record, before its content.
 _FOXGLOVE = "foxglove."
@@ -86,7 +87,7 @@ def read_poses(path: Path, topic: str = "", frame: str = "") -> RecordedPoses:
     """Reads the poses of an object from a file of any known format.
 
     Times of an MCAP file or a rosbag2 count from the first pose. They are the stamps of messages,
-    or the times at which messages were recorded where stamps are zero. The first pose of a time
+    or the times at which messages were recorded if all stamps are zero. The first pose of a time
     counts, because transforms are often sent again.
 
     Args:
@@ -154,10 +155,10 @@ def _only_track(path: Path, topic: str, frame: str) -> tuple[Track, dict[int, Po
     poses = tracks[chosen[0]]
     if not any(stamp for stamp, _ in poses):  # Whoever recorded it has not set them.
         return chosen[0], {log_time: pose for (_, log_time), pose in poses.items()}
-    by_stamp: dict[int, Pose] = {}
-    for (stamp, _), pose in poses.items():
-        by_stamp.setdefault(stamp, pose)
-    return chosen[0], by_stamp
+    stamps = sorted(stamp for stamp, _ in poses)  # Some are not 0.
+    if stamps[0] == 0 and not 0 < stamps[1] < _CLOCK:
+        raise InvalidArgumentError(f"{chosen[0]}: has poses with and without stamps")
+    return chosen[0], {stamp: pose for (stamp, _), pose in poses.items()}
 
 
 def _messages(path: Path) -> Iterator[_Message]:
@@ -165,14 +166,14 @@ def _messages(path: Path) -> Iterator[_Message]:
     files = [path]
     if path.is_dir():
         regular = sorted(file for file in path.iterdir() if file.is_file())
-        files = [file for file in regular if file.suffix in (".mcap", ".db3")]
+        files = [file for file in regular if file.suffix.lower() in (".mcap", ".db3")]
     sizes = [file.stat().st_size for file in files]
     if sum(sizes) > MAX_BAG_BYTES:
         raise InvalidArgumentError(f"has more than {MAX_BAG_BYTES / 1e6:g} MB; keep only poses")
     is_late = _deadline()
     for file, size in zip(files, sizes, strict=True):
         check_inside(file, [path])
-        if file.suffix == ".db3":
+        if file.suffix.lower() == ".db3":
             yield from _sqlite_messages(file, is_late)
         else:
             yield from _mcap_messages(read_bounded(file, size), is_late)

@@ -130,9 +130,6 @@ class LiveRun:
         diagram, simulator = self._diagram, self._simulator
         self.scenario = copy.deepcopy(before)
         edit(self.scenario)
-        # A run goes on beyond the scenario's end, at which its events are checked.
-        end = self.time + self.scenario.planner.period
-        self.scenario.simulation_duration = max(self.scenario.simulation_duration, end)
         try:
             self._simulator = self._simulate()
             _copy_state(simulator, self._simulator)

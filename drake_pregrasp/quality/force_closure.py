@@ -115,8 +115,8 @@ def needed_friction(
     Returns:
         The coefficient; infinite if neither the smallest one nor any up to 2 suffices.
     """
-    most = max(least, _ROUGHEST) + _FRICTION_STEP / 2
-    for friction in np.arange(least, most, _FRICTION_STEP).tolist():
+    tried = np.arange(least, _ROUGHEST, _FRICTION_STEP)
+    for friction in [*tried.tolist(), max(least, _ROUGHEST)]:
         if any(min_weight_margin(p, n, friction, **model) > 0 for p, n, model in grasps):
             return float(friction)
     return np.inf

@@ -191,7 +191,10 @@ def _resolved(
     count = scenario.ring_contacts or len(scenario.initial_contacts)
     if hand and scenario.chooses_contacts:
         count = len(hand.fingertips)
-    raise_first(scenario_check.scenario_problems(scenario, count, surface, plant_config))
+    has_end = keep is None
+    raise_first(
+        scenario_check.scenario_problems(scenario, count, surface, plant_config, has_end=has_end)
+    )
     with errors_at("motion.file"):
         motion = read_motion(scenario.motion)
         if isinstance(motion, RecordedPoses):

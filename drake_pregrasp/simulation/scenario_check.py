@@ -59,7 +59,12 @@ _LIMITS = ((10.0, "m/s"), (100.0, "rad/s"))  # Largest velocities of a motion pr
 
 
 def scenario_problems(
-    scenario: Scenario, count: int, surface: ObjectSurface, plant: MultibodyPlantConfig
+    scenario: Scenario,
+    count: int,
+    surface: ObjectSurface,
+    plant: MultibodyPlantConfig,
+    *,
+    has_end: bool = True,
 ) -> Problems:
     """Yields the key and a description of each reason why the values of a scenario do not fit.
 
@@ -68,6 +73,7 @@ def scenario_problems(
         count: Number of contacts.
         surface: Surface of the object.
         plant: Configuration of the plant.
+        has_end: Whether the run ends after `simulation_duration`; a live one may go on.
     """
     yield from sensor_problems(scenario)
     for index, obstacle in enumerate(scenario.obstacles):
@@ -77,7 +83,7 @@ def scenario_problems(
         yield "grasp.meeting.wait_at", f"{place} needs a hand that waits, and hand.file is empty"
     yield from _contact_problems(scenario, count, surface)
     yield from _duration_problems(scenario, plant)
-    yield from _damage_problems(scenario, count)
+    yield from _damage_problems(scenario, count, has_end)
     yield from _capability_problems(scenario, count)
     if plant.contact_model == "point":
         problem = "objects hop and sink with point contact"
@@ -199,14 +205,14 @@ def _size_problems(key: str, size: float, largest: float, hint: str = "") -> Pro
         yield key, f"{size} is more than the object's own {largest:.3g} m{hint}"
 
 
-def _damage_problems(scenario: Scenario, n: int) -> Problems:
+def _damage_problems(scenario: Scenario, n: int, has_end: bool) -> Problems:
     damage = scenario.damage
     period, duration = scenario.planner.period, scenario.simulation_duration
     last_tick = period * tick_index(duration, period)
     for index, event in enumerate(damage):
         key = f"damage[{index}]"
         for name, time in (("at", event.at), ("until", event.until)):
-            if time > last_tick + SLACK * period:
+            if has_end and time > last_tick + SLACK * period:
                 problem = f"{time} is after the end, the last tick is at {last_tick:g} s"
                 yield f"{key}.{name}", f"{problem}; simulation_duration is {duration}"
         if 0 < event.until <= event.at:

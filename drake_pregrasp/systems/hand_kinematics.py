@@ -244,7 +244,8 @@ def frame_names(plant: MultibodyPlant, model: ModelInstanceIndex) -> list[str]:
     joints = [plant.get_joint(index) for index in plant.GetJointIndices(model)]
     used = [(j.name(), f.name()) for j in joints for f in (j.frame_on_parent(), j.frame_on_child())]
     added = {frame for joint, frame in used if frame.startswith(f"{joint}_")}
-    names = [plant.get_frame(index).name() for index in plant.GetFrameIndices(model)]
+    frames = [plant.get_frame(index) for index in plant.GetFrameIndices(model)]
+    names = [frame.name() for frame in frames if not frame.is_ephemeral()]
     bodies = [plant.get_body(index).name() for index in plant.GetBodyIndices(model)]
     return [name for name in names if name in bodies or name not in added]
 

@@ -199,7 +199,6 @@ def test_a_larger_reach_gives_no_smaller_margin(name):
 
 
 @pytest.mark.slow
-@pytest.mark.slow
 def test_ranges_of_the_palm_that_differ_by_a_whole_turn_are_the_same():
     shape = shape_of("box0")
     (start, _), (turned, _) = (
@@ -209,6 +208,7 @@ def test_ranges_of_the_palm_that_differ_by_a_whole_turn_are_the_same():
     assert turned.yaw == pytest.approx(start.yaw + 2 * np.pi)
 
 
+@pytest.mark.slow
 def test_the_palm_stays_within_its_range():
     start, _ = chosen(shape_of("box0"), yaw_range=(0.2, 0.4))
     assert 0.2 <= start.yaw <= 0.4

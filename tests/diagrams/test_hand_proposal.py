@@ -13,6 +13,7 @@ from drake_pregrasp.config.hand_description import Drive
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_parsing import read_model
 from drake_pregrasp.diagrams.hand_proposal import _drive, propose_hand
+from drake_pregrasp.errors import InvalidArgumentError
 
 
 def test_the_inertia_of_a_rotor_is_that_behind_its_gears():
@@ -100,6 +101,11 @@ def test_joints_without_limits_turn_once_around(tmp_path):
     for tree, chain in zip(hand.fingers.workspaces, hand.fingers.chains, strict=True):
         assert np.isfinite(tree.data).all()
         np.testing.assert_allclose(chain.upper - chain.lower, 2 * np.pi)
+
+
+def test_a_slide_without_limits_is_refused_by_name(tmp_path):
+    with pytest.raises(InvalidArgumentError, match=r"joint .*l0_near.* slides without limits"):
+        proposed(tmp_path, kind="prismatic")
 
 
 def test_names_of_frames_are_those_that_the_model_has_left(tmp_path):

@@ -66,7 +66,7 @@ def test_bad_files_are_refused_in_one_line(tmp_path, text, problem):
 
 
 def test_poses_by_another_clock_are_refused_since_the_object_would_stand_still(tmp_path):
-    for start, is_used in ((-5.0, False), (-1.9, True), (0.0, True), (9.9, True), (1.7e9, False)):
+    for start, is_used in ((-5.0, False), (-1.9, True), (0.0, True), (99.0, True), (1.7e9, False)):
         rows = f"{start},0,0,0,1,0,0,0\n{start + 2},1,0,0,1,0,0,0\n"
         track = read(tmp_path, HEADER + rows)
         if is_used:

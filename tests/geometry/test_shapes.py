@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial.transform import Rotation
 from thin_cup import PROFILE
 
 from drake_pregrasp import InvalidArgumentError
@@ -155,6 +156,20 @@ def test_polygons_from_their_inner_corner_on_are_read_as_they_are(tmp_path):
     (tmp_path / "polygons.obj").write_text(polygons(3))
     mesh = shapes.load_shape(tmp_path / "polygons.obj").mesh
     assert (mesh.volume, mesh.area) == pytest.approx((3 / 20**3, 14 / 20**2))
+
+
+@pytest.mark.parametrize("first", [1, 2, 4, 5])
+def test_rounded_polygons_that_fold_are_refused(tmp_path, first):
+    """Turned in space, with coordinates of five decimals."""
+    R, lines = Rotation.from_rotvec([0.3, -0.5, 0.7]), []
+    for line in polygons(first).splitlines():
+        if line.startswith("v "):
+            p = R.apply([float(x) for x in line.split()[1:]])
+            line = "v " + " ".join(f"{x:.5f}" for x in p)
+        lines.append(line)
+    (tmp_path / "polygons.obj").write_text("\n".join(lines) + "\n")
+    with pytest.raises(InvalidArgumentError, match="folds back on itself"):
+        shapes.load_shape(tmp_path / "polygons.obj")
 
 
 @pytest.mark.parametrize(

@@ -130,6 +130,20 @@ def test_stamps_may_begin_at_zero(tmp_path):
     np.testing.assert_allclose(track.p_WO[:, 0], [0.1, 0.2, 0.3, 0.4])
 
 
+@pytest.mark.parametrize("unstamped", [1, 2])
+def test_poses_with_and_without_stamps_are_not_mixed(tmp_path, unstamped):
+    kind = "geometry_msgs/msg/PoseStamped"
+    with BagWriter(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as bag:
+        connection = bag.add_connection("/poses", kind, typestore=STORE)
+        for k in range(4):
+            message = ros_message(kind, 0.1 * k, P[0], Q[0])
+            if k < unstamped:
+                message.header.stamp.sec = message.header.stamp.nanosec = 0
+            bag.write(connection, (START + k) * 10**9, STORE.serialize_cdr(message, kind))
+    with pytest.raises(InvalidArgumentError, match="has poses with and without stamps"):
+        read_poses(tmp_path / "bag")
+
+
 def test_one_of_several_poses_is_named(tmp_path):
     folder = write_bag(tmp_path / "bag", "tf2_msgs/msg/TFMessage", StoragePlugin.MCAP, ("/a", "/b"))
     with pytest.raises(InvalidArgumentError, match="topic='/a', frame='camera', parent='base'"):

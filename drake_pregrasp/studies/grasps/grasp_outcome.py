@@ -30,7 +30,7 @@ To slide the object of the study over the turntable takes some six times as much
 """
 
 HELD_IN_WORDS = (
-    f"An object is held if it is never more than {LARGEST_MM:g} mm and {LARGEST_DEG:g}° away from"
+    f"An object is held if it is never more than {LARGEST_MM:g} mm or {LARGEST_DEG:g}° away from"
     " where it should be. On the table, that is where it was placed at the start, or at the meeting"
     " with the hand if no conveyor carries it; in the hand,"
     f" until {HOLD_DURATION:g} s after the lift, where it was at the start of the lift; and in the"
