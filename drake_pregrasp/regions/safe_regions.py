@@ -174,10 +174,12 @@ def compute_safe_regions(
         label: A faster implementation of `label_candidates` for these candidates.
 
     Raises:
-        InvalidArgumentError: If a contact is not finite.
+        InvalidArgumentError: If there is no contact, one is not finite, or a weight is NaN.
     """
-    if not np.isfinite(p_OC).all():
-        raise InvalidArgumentError(f"contacts must be finite, not {p_OC.tolist()}")
+    if not (len(p_OC) and np.isfinite(p_OC).all()):
+        raise InvalidArgumentError(f"contacts must be finite, one at least, not {p_OC.tolist()}")
+    if np.isnan(contact_weights).any():
+        raise InvalidArgumentError(f"weights must not be NaN: {contact_weights.tolist()}")
     constraints = constraints or RegionConstraints(len(p_OC))
     c, h, predicates = p_OC, contact_weights, constraints.predicates
     half_spaces = point_half_spaces(c, forbidden)

@@ -106,3 +106,11 @@ def test_contacts_that_are_not_finite_are_refused():
     c = np.array([[0.0, np.nan, 0.0]])
     with pytest.raises(InvalidArgumentError, match="contacts must be finite"):
         compute_safe_regions(c, c, np.zeros(1), ForbiddenPoints.none())
+
+
+def test_no_contact_and_weights_that_are_not_numbers_are_refused():
+    q, none = np.eye(3), ForbiddenPoints.none()
+    with pytest.raises(InvalidArgumentError, match="one at least"):
+        compute_safe_regions(q, np.empty((0, 3)), np.empty(0), none)
+    with pytest.raises(InvalidArgumentError, match="weights must not be NaN"):
+        compute_safe_regions(q, q, np.array([0.0, np.nan, 0.0]), none)
