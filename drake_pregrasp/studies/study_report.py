@@ -400,5 +400,7 @@ def _scale(axis: Any, values: pd.Series) -> None:
         set_scale("log")
     else:
         set_scale("symlog", linthresh=above.min())
+        axis.axes.autoscale_view()
+        getattr(axis.axes, f"set_{axis.axis_name}lim")(0)
     axis.set_major_formatter(lambda value, place: f"{value:g}")
     axis.set_minor_formatter(LogFormatter(labelOnlyBase=False))

@@ -134,6 +134,18 @@ def test_a_figure_shows_the_interval_of_a_share_and_the_quartiles_of_numbers(gra
         np.testing.assert_allclose(drawn, np.tile(expected, (len(drawn), 1)), atol=1e-6)
 
 
+@pytest.mark.slow
+def test_a_wide_scale_from_zero_shows_all_numbers(grasps):
+    study, rows = grasps
+    rows = rows.assign(moved_hold_mm=np.resize([0.0, 0.01, 30.0, 40.0], len(rows)))
+    rows = study_report.labelled(study, rows)
+    (panel,) = study_report.plot_axis(rows, study.axes[0], ["moved_hold_mm"], None).axes
+    low, high = panel.get_ylim()
+    assert panel.get_yscale() == "symlog"
+    assert low == 0
+    assert high > 32.5  # The upper quartile.
+
+
 def test_counts_and_intervals_are_those_of_the_rows(grasps):
     study, rows = grasps
     table = study_report.share_table(study_report.labelled(study, rows), "held")
