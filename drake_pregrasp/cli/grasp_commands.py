@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import re
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ from drake_pregrasp.simulation.grasp_export import export_grasp, read_postures
 from drake_pregrasp.simulation.output import INTERRUPTED_STATUS
 from drake_pregrasp.simulation.posture_test import posture_test
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
-from drake_pregrasp.simulation.run import EXPORT_FILE, run
+from drake_pregrasp.simulation.run import EXPORT_FILE, RunResult, run, valid_name
 from drake_pregrasp.simulation.scenario_file import load_resolved
 
 _SCENARIO = "scenario.yaml"
@@ -57,15 +56,7 @@ def _export(options: argparse.Namespace) -> int:
         name, resolved = load_chosen(options)
         if resolved.hand is None:
             raise InvalidArgumentError(f"{name}: has no hand, so there is no grasp to export")
-        with stop_on_signals() as should_stop:
-            done = run(
-                resolved,
-                name=name,
-                out=options.out,
-                recording=False,
-                overwrite=options.overwrite,
-                should_stop=should_stop,
-            )
+        done = _run(options, resolved, name)
         if not done.completed:
             return INTERRUPTED_STATUS
         folder = done.folder
@@ -89,16 +80,7 @@ def _replay(options: argparse.Namespace) -> int:
     if options.postures:
         return _test_postures(options, resolved)
     first, was_held = _outcome(folder)
-    name = f"{re.sub('[^A-Za-z0-9.-]', '_', folder.resolve().name).lstrip('_.')}-{options.engine}"
-    with stop_on_signals() as should_stop:
-        done = run(
-            resolved,
-            name=name,
-            out=options.out,
-            recording=False,
-            overwrite=options.overwrite,
-            should_stop=should_stop,
-        )
+    done = _run(options, resolved, valid_name(f"{folder.resolve().name}-{options.engine}"))
     if not done.completed:
         return INTERRUPTED_STATUS
     second, is_held = _outcome(done.folder)
@@ -107,6 +89,19 @@ def _replay(options: argparse.Namespace) -> int:
     print(f"verdicts    {'agree' if was_held == is_held else 'differ'}")
     print(f"results in {done.folder}")
     return 0
+
+
+def _run(options: argparse.Namespace, resolved: ResolvedScenario, name: str) -> RunResult:
+    """Runs a scenario without a recording, until its end or a signal."""
+    with stop_on_signals() as should_stop:
+        return run(
+            resolved,
+            name=name,
+            out=options.out,
+            recording=False,
+            overwrite=options.overwrite,
+            should_stop=should_stop,
+        )
 
 
 def _outcome(folder: Path) -> tuple[str, bool]:

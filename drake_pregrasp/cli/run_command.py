@@ -17,7 +17,7 @@ from drake_pregrasp.live.live_page import serve_live_run
 from drake_pregrasp.quality.grasp_quality import QUALITY_MEASURES
 from drake_pregrasp.simulation.output import INTERRUPTED_STATUS, check_new, handling
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
-from drake_pregrasp.simulation.run import RunResult, check_name, run, write_graphviz
+from drake_pregrasp.simulation.run import RunResult, run, write_graphviz
 from drake_pregrasp.simulation.scenario_file import load_resolved, only_name
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
@@ -292,12 +292,10 @@ def load_chosen(options: argparse.Namespace) -> tuple[str, ResolvedScenario]:
         if file is None:
             raise ScenarioError("", "", "give a shipped scenario's name, or --scenario_file")
         name = only_name(file)
-    resolved = load_resolved(
+    return name, load_resolved(
         name,
         file=file,
         text=options.scenario_text,
         folders=options.allow,
         simulation_duration=options.simulation_duration,
     )
-    check_name(name)
-    return name, resolved

@@ -29,7 +29,7 @@ from drake_pregrasp.diagrams.model_files import CheckedModel
 from drake_pregrasp.diagrams.palm_base import JOINT_KINDS, PalmArm
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.finger_homes import Finger, Grip, find_grip
-from drake_pregrasp.systems.hand_kinematics import frame_names, moving_joints
+from drake_pregrasp.systems.hand_kinematics import finite_limits, frame_names, moving_joints
 from drake_pregrasp.systems.hand_scene import link_balls
 from drake_pregrasp.systems.palm_frames import pose_error
 
@@ -352,8 +352,7 @@ def _with_arm_home(description: HandDescription, source: CheckedModel) -> HandDe
     base, plant = model.base, model.kinematics.plant
     assert isinstance(base, PalmArm)
     context, place = plant.CreateDefaultContext(), usual_place(model)
-    lower = np.where(np.isfinite(base.lower), base.lower, -np.pi)
-    upper = np.where(np.isfinite(base.upper), base.upper, np.pi)
+    lower, upper = finite_limits(base.lower, base.upper, 0.0)
     middle, half = base.at_home(model.fingers_home), (upper - lower) / 2
     for yaw in HOME_YAWS:
         X_WP, random, found = base.palm_goal(place, yaw), np.random.default_rng(0), []

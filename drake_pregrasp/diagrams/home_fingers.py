@@ -14,7 +14,7 @@ from drake_pregrasp.diagrams.palm_base import CarrierOrArm
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.grasp_state import BASE
 from drake_pregrasp.regions.finger_measures import FingerChain, FingerLinks, FingerMeasures
-from drake_pregrasp.systems.hand_kinematics import HandKinematics
+from drake_pregrasp.systems.hand_kinematics import HandKinematics, finite_limits
 from drake_pregrasp.systems.hand_scene import (
     BallFunction,
     LinkBalls,
@@ -59,18 +59,14 @@ class HomeFingers:
         R_AW, p_AW = self._X_AW.rotation().matrix(), self._X_AW.translation()
         w, v = np.split(R_AW @ pose.screws.reshape(2, 3, -1), 2)
         screws = np.concatenate([w[0], v[0] + np.cross(p_AW, w[0], axisb=0, axisc=0)]).T
-        # Joints without limits turn once around.
-        limits = [kinematics.lower, kinematics.upper]
-        lower, upper = (
-            np.where(np.isfinite(limit), limit, home + turn)
-            for limit, turn in zip(limits, (-np.pi, np.pi), strict=True)
-        )
-        limits = [home, lower, upper, kinematics.efforts]
+        lower, upper = finite_limits(kinematics.lower, kinematics.upper, home)
+        limits = home, lower, upper, kinematics.efforts
         own = [kinematics.own_joints(finger) for finger in range(len(self.p_HT))]
-        slides = ~np.isfinite(kinematics.upper - kinematics.lower) & ~screws[:, :3].any(axis=1)
-        for joint in (j for j in np.concatenate(own).tolist() if slides[j]):
-            name = kinematics.plant.GetPositionNames()[joint]
-            raise InvalidArgumentError(f"joint {name} slides without limits; give it a <limit>")
+        is_endless = ~np.isfinite(kinematics.upper - kinematics.lower)
+        for joint in np.concatenate(own).tolist():
+            if is_endless[joint] and not screws[joint, :3].any():
+                name = kinematics.plant.GetPositionNames()[joint]
+                raise InvalidArgumentError(f"joint {name} slides without limits; give it a <limit>")
         self.chains = [
             FingerChain(screws[j], tip, *(limit[j] for limit in limits))
             for j, tip in zip(own, self.p_HT, strict=True)

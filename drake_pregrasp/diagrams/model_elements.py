@@ -58,13 +58,12 @@ ATTRIBUTES = _names("""
     name type version relative_to attached_to expressed_in canonical_link joint xyz rpy value ixx
     iyy izz ixy ixz iyz size radius length link rgba lower upper effort velocity damping friction
     multiplier offset scale p d enabled ignore a b c drake:acceleration degrees rotation_format
-    placement_frame auto drake_ignore model angle autolimits
-    coordinate eulerseq inertiafromgeom balanceinertia boundmass boundinertia settotalmass
-    inertiagrouprange class childclass pos quat axisangle xyaxes zaxis euler range limited armature
-    stiffness springref ref mass diaginertia fullinertia fromto density contype conaffinity group
-    mesh material kp kv gear ctrlrange ctrllimited forcerange forcelimited inheritrange gainprm
-    biasprm gaintype biastype dyntype body1 body2 geom1 geom2 anchor relpose refpos refquat axis
-    actuatorfrcrange actuatorfrclimited
+    placement_frame auto drake_ignore model angle autolimits coordinate eulerseq inertiafromgeom
+    balanceinertia boundmass boundinertia settotalmass inertiagrouprange class childclass pos quat
+    axisangle xyaxes zaxis euler range limited armature stiffness springref ref mass diaginertia
+    fullinertia fromto density contype conaffinity group mesh material kp kv gear ctrlrange
+    ctrllimited forcerange forcelimited inheritrange gainprm biasprm gaintype biastype dyntype body1
+    body2 geom1 geom2 anchor relpose refpos refquat axis actuatorfrcrange actuatorfrclimited
 """)
 """Attributes that are copied: those of SDF, URDF and Drake first, then those of MJCF."""
 

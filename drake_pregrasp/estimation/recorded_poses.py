@@ -33,7 +33,8 @@ MAX_DISTANCE = 100.0
 MAX_TIME = 1e10
 """Largest time of a pose, in seconds: larger ones are probably in nanoseconds."""
 
-_CLOCK = 1e6  # Time in seconds, 12 days, beyond which it is that of a clock.
+CLOCK = 1e6
+"""Time in seconds, 12 days, beyond which times are those of a clock, not of a run."""
 
 QUATERNION_TOLERANCE = 0.01
 """Largest deviation of a quaternion's length from 1, so that a few digits are enough."""
@@ -76,7 +77,7 @@ class RecordedPoses:
                 after it that they have the times of another clock.
         """
         first, last = self.times[[0, -1]].tolist()
-        if first < last and (first > max(duration, _CLOCK) or last <= 0):
+        if first < last and (first > max(duration, CLOCK) or last <= 0):
             raise InvalidArgumentError(
                 f"has poses from {first:.10g} s to {last:.10g} s, and the run is from 0 s to"
                 f" {duration:g} s; times count from the start of the run"

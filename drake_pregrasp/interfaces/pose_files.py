@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 from drake_pregrasp.errors import InvalidArgumentError, first_line, printable
 from drake_pregrasp.estimation.recorded_poses import (
+    CLOCK,
     MAX_ROWS,
     RecordedPoses,
     check_pose,
@@ -45,7 +46,6 @@ MAX_TOPICS = 1000
 """Largest number of topics with poses, and of frames."""
 
 _LISTED = 8  # Choices in a message.
-_CLOCK = 10**15  # Stamp in nanoseconds, 12 days, beyond which it is that of a clock.
 _MAGIC = 8  # Bytes before the first record of an MCAP file.
 _RECORD = struct.Struct("<BQ")  # Opcode and length of a record, before its content.
 _FOXGLOVE = "foxglove."
@@ -156,7 +156,7 @@ def _only_track(path: Path, topic: str, frame: str) -> tuple[Track, dict[int, Po
     if not any(stamp for stamp, _ in poses):  # Whoever recorded it has not set them.
         return chosen[0], {log_time: pose for (_, log_time), pose in poses.items()}
     stamps = sorted(stamp for stamp, _ in poses)  # Some are not 0.
-    if stamps[0] == 0 and not 0 < stamps[1] < _CLOCK:
+    if stamps[0] == 0 and not 0 < stamps[1] < 1e9 * CLOCK:
         raise InvalidArgumentError(f"{chosen[0]}: has poses with and without stamps")
     return chosen[0], {stamp: pose for (stamp, _), pose in poses.items()}
 

@@ -88,6 +88,11 @@ def check_name(name: str) -> None:
         raise ScenarioError("", name, f"{problem}, and not begin with '_' or '.'")
 
 
+def valid_name(text: str) -> str:
+    """Returns a text with `_` in place of characters that `check_name` refuses."""
+    return re.sub(r"[^A-Za-z0-9_.-]", "_", text).lstrip("_.")
+
+
 def run(
     scenario: Scenario | ResolvedScenario,
     *,

@@ -223,6 +223,16 @@ def fingertip_geometries(
     return tips
 
 
+def finite_limits(
+    lower: FloatArray, upper: FloatArray, middle: FloatArray | float
+) -> tuple[FloatArray, FloatArray]:
+    """Returns limits of joints, of which those without limits turn once around a middle."""
+    return (
+        np.where(np.isfinite(lower), lower, middle - np.pi),
+        np.where(np.isfinite(upper), upper, middle + np.pi),
+    )
+
+
 def scoped_frame(plant: MultibodyPlant, scoped_name: str) -> Frame:
     """Returns a frame by its scoped name.
 

@@ -54,3 +54,16 @@ def test_small_files_that_expand_to_large_ones_are_refused(folder):
         outcome, said = load(Case("bomb", text.encode()), folder)
         assert outcome == "refused"
         assert problem in said
+
+
+@pytest.mark.slow
+def test_a_long_list_of_merges_is_looked_at_once(folder):
+    """The process that reads it has a limit of time."""
+    count = 9000
+    merged = ", ".join(f"*m{k}" for k in range(count))
+    lines = ["_a:", *(f"- &m{k} {{k{k}: 1}}" for k in range(count)), f"_l: &l [{merged}]", "_b:"]
+    outcome, said = load(
+        Case("merges", "\n".join([*lines, *["- {<<: *l}"] * count]).encode()), folder
+    )
+    assert outcome == "refused", said
+    assert "its aliases expand to more than 100000 values" in said
