@@ -132,7 +132,7 @@ def next_state(
         case GraspPhase.CLOSE:
             return _close(state, view, settings, period, squeeze)
         case GraspPhase.SQUEEZE:
-            return _squeeze(state, view, settings, period)
+            return _squeeze(state, view, settings, period, squeeze)
         case GraspPhase.LIFT if state.height.is_over(view.time):
             return _enter(state, GraspPhase.HOLD, view)
         case GraspPhase.BACK_OFF:
@@ -215,7 +215,7 @@ def _close(
     """Moves fingers in until they touch, and the frame G to where they touch the object.
 
     The squeeze begins once G rests, fingers that balance the weight touch the surface there, and
-    the others have searched for it in vain.
+    the others have searched for it in vain. Until a limit of time, the hand waits for this.
     """
     touched_before, elapsed = state.touched, view.time - state.since
     state, rests = _moved_by_touch(state, view, settings, period)
@@ -228,18 +228,23 @@ def _close(
     if np.sum(touched) >= settings.least_fingers:
         planned = squeeze(touched)
         if planned.residual <= settings.imbalance:
-            return replace(
-                _enter(state, GraspPhase.SQUEEZE, view),
-                gripped=view.time,
-                active=touched,
-                forces=planned.forces,
-                internal=planned.internal,
-                stopping=planned.stopping,
-            )
+            gripping = _enter(state, GraspPhase.SQUEEZE, view)
+            gripping = replace(gripping, gripped=view.time, active=touched)
+            return _with_plan(gripping, planned, settings)
+    if not is_over:
+        return state
     missing = np.flatnonzero(state.active & ~touched)
     if planned is not None and not len(missing):
         return _open(state, view, planned.lack, planned.residual)
-    return _open(state, view, GiveUp.MET_NOTHING, float(missing[0])) if is_over else state
+    return _open(state, view, GiveUp.MET_NOTHING, float(missing[0]))
+
+
+def _with_plan(state: GraspState, planned: Squeeze, settings: GraspSettings) -> GraspState:
+    """Returns the state with the forces of a plan, if this balances the weight."""
+    if planned.residual > settings.imbalance:
+        return state
+    forces, internal, stopping = planned.forces, planned.internal, planned.stopping
+    return replace(state, forces=forces, internal=internal, stopping=stopping)
 
 
 def _moved_by_touch(
@@ -276,14 +281,20 @@ def _moved_by_touch(
 
 
 def _squeeze(
-    state: GraspState, view: GraspView, settings: GraspSettings, period: float
+    state: GraspState,
+    view: GraspView,
+    settings: GraspSettings,
+    period: float,
+    squeeze: Callable[[BoolArray], Squeeze],
 ) -> GraspState:
     """Increases the forces together, and lifts when they are complete and all fingers press.
 
-    A finger that does not press moves in; meanwhile the forces increase slowly, and not to the end.
+    They are planned anew at each tick, for where the fingertips have settled; the last plan that
+    balances the weight counts. A finger that does not press moves in; meanwhile the forces increase slowly, and not to the end.
     For others the strain of the touch fades, because the planned forces replace it.
     """
     if state.share < 1:
+        state = _with_plan(state, squeeze(state.active), settings)
         strain = np.nan_to_num(view.gaps - state.standoffs)
         step = _EASING * np.asarray(settings.closing_speed) * period
         least = np.minimum(_FOLLOWS * view.wanted, settings.touch_force / 2)

@@ -367,16 +367,18 @@ class GraspSequencer(LeafSystem):
         self._held.store(context, discrete_state, command, p_GT, p_GT_goal)
 
     def _plan_squeeze(self, context: Context, active: BoolArray) -> Squeeze:
+        state: GraspState = self._grasp.Eval(context)
         p_OC, nhat, _ = self._contact_frames(context)
         p_OC, nhat = p_OC[active], nhat[active]
-        if self._solid is not None and self._grasp.Eval(context).phase >= GraspPhase.CLOSE:
+        if self._solid is not None and state.phase >= GraspPhase.CLOSE:
             p_GT = self._tips(context)[active]
             heights, nhat = self._solid.distance_and_gradient(p_GT)
             p_OC = p_GT - heights[:, None] * nhat
         command: GraspCommand = self._command.Eval(context)
         R_WG, settings = command.R_WG, self._settings  # Contacts and forces are in G.
         w_W, v_W = command.V_WG
-        v_W = v_W + skew(w_W) @ R_WG @ self._p_OCoM + settings.squeeze_duration * self._fall
+        left = (1 - state.share) * settings.squeeze_duration
+        v_W = v_W + skew(w_W) @ R_WG @ self._p_OCoM + left * self._fall
         load, stop = lift_load(self._mass, settings, self._lift_axis, v_W)
         jacobians = None
         if self._J_WT.HasValue(context):

@@ -367,6 +367,52 @@ def test_fingers_that_balance_the_weight_do_not_wait_for_those_that_meet_nothing
     np.testing.assert_array_equal(states[-1].active, np.arange(N) < 3)
 
 
+@pytest.mark.parametrize("comes", [True, False])
+def test_fingers_that_touch_wait_for_a_balance_up_to_the_limit(comes):
+    limit = SETTINGS.closing_duration + SETTINGS.correction_limit
+    scene, closed, balances_at = Scene(), closing_time(play(Scene())), np.inf
+    if comes:
+        balances_at = closed + limit - 0.1
+
+    def squeeze(active):
+        until_touch = scene.time <= closed
+        return (balanced if until_touch or scene.time >= balances_at else unbalanced)(active)
+
+    states = play(scene, squeeze=squeeze, end=12.0)
+    assert phases(states) == (WHOLE if comes else [*WHOLE[:3], "BACK_OFF"])
+    left = PERIOD * [s.phase > GraspPhase.CLOSE for s in states].index(True)
+    assert left == pytest.approx(balances_at if comes else closed + limit, abs=2 * PERIOD)
+    assert all(s.share == 0 for s in states if s.phase == GraspPhase.CLOSE)
+
+
+def test_a_squeeze_follows_the_last_plan_that_balances_the_weight():
+    scene, plans = Scene(), []
+
+    def squeeze(active):
+        forces = balanced(active).forces * (1 + scene.time)
+        if round(scene.time / PERIOD) % 3 == 0:  # So large an imbalance is never allowed.
+            return Squeeze(-forces, 2 * SETTINGS.imbalance, -forces, -forces)
+        plans.append(forces)
+        return Squeeze(forces, SETTINGS.imbalance, forces / 2, forces / 4)
+
+    def compare(scene, state):
+        if state.phase == GraspPhase.SQUEEZE and state.share < 1:
+            np.testing.assert_array_equal(state.forces, plans[-1])
+            np.testing.assert_array_equal(state.internal, plans[-1] / 2)
+            np.testing.assert_array_equal(state.stopping, plans[-1] / 4)
+            compared.add(scene.time)
+
+    # The gate allows less imbalance than the squeeze.
+    compared = set()
+    closed = closing_time(play(Scene()))
+
+    def at_gate(active):
+        return balanced(active) if scene.time <= closed else squeeze(active)
+
+    assert phases(play(scene, squeeze=at_gate, change=compare)) == WHOLE
+    assert len(compared) >= SETTINGS.squeeze_duration / PERIOD - 1
+
+
 def test_forces_rise_slowly_while_a_finger_does_not_press_and_it_moves_in():
     def loosen(scene, state):
         loose = state.phase == GraspPhase.SQUEEZE and scene.time < 3.7

@@ -184,6 +184,7 @@ def test_the_torques_of_the_joints_limit_the_squeeze(lever, reason):
     J = np.zeros((N, 3, NQ))
     J[:, 0, :N] = lever * np.eye(N)  # Each finger has a joint against forces along x.
     hand = squeeze_at(AT_TABLE, J_WT=J.ravel())
+    hand.advance(SETTINGS.closing_duration + SETTINGS.correction_limit)
     assert hand.array("grasp_report")[2] == reason
 
 
