@@ -290,8 +290,9 @@ def _squeeze(
     """Increases the forces together, and lifts when they are complete and all fingers press.
 
     They are planned anew at each tick, for where the fingertips have settled; the last plan that
-    balances the weight counts. A finger that does not press moves in; meanwhile the forces increase slowly, and not to the end.
-    For others the strain of the touch fades, because the planned forces replace it.
+    balances the weight counts. A finger that does not press moves in; meanwhile the forces increase
+    slowly, and not to the end. For others the strain of the touch fades, because the planned forces
+    replace it.
     """
     if state.share < 1:
         state = _with_plan(state, squeeze(state.active), settings)
