@@ -139,10 +139,12 @@ class HeldFrame:
         """
         _, R_WO, p_WO, _ = self._pose.eval(context)
         state: GraspState = self._grasp.Eval(context)
-        last = _unpack_motion(context.get_discrete_state(self._followed).value())
-        if state.phase != GraspPhase.CLOSE or last.time < state.since:
+        if state.phase != GraspPhase.CLOSE:
             return R_WO, p_WO
+        last = _unpack_motion(context.get_discrete_state(self._followed).value())
         time, p_OCoM = context.get_time(), self._held.p_OCoM
+        if not state.since <= last.time <= time:  # The clock may have been set back.
+            return R_WO, p_WO
         share = -math.expm1((last.time - time) / _FOLLOWING)
         now = last.at(time, p_OCoM)
         now = replace(now, p_WG=now.p_WG - self._revealed(context))
@@ -271,7 +273,8 @@ class HeldFrame:
     ) -> None:
         """Stores the displacement of what cameras show, and what `HeldMemory` contains.
 
-        The motion of G is stored while the hand closes or squeezes; after that it is kept.
+        The motion of G, and the pose that it follows, are stored while the hand closes or squeezes;
+        after that they are kept.
 
         Args:
             context: Context of the system.
@@ -286,14 +289,12 @@ class HeldFrame:
             discrete_state.set_value(self._sticking, p_GT.ravel())
         if not GraspPhase.CLOSE <= state.phase <= GraspPhase.SQUEEZE:
             return
-        time = context.get_time()
-        R, p = self.followed(context)
-        followed = HeldMotion(time, R, p, command.V_WO, command.V_WO, np.zeros(3))
+        time, V_WO = context.get_time(), command.V_WO
+        followed = HeldMotion(time, *self.followed(context), V_WO, V_WO, np.zeros(3))
         discrete_state.set_value(self._followed, pack(followed))
         motion: HeldMotion = self.near.Eval(context)
         if not self.memory.Eval(context).is_gripped:
-            V_WBelt = command.V_WO if self._in_air else _ON_TABLE * command.V_WO
-            a_W = self._held.a_W
+            V_WBelt, a_W = V_WO if self._in_air else _ON_TABLE * V_WO, self._held.a_W
             motion = HeldMotion(time, command.R_WG, command.p_WG, V_WBelt, V_WBelt, a_W)
         discrete_state.set_value(self._last, pack(motion))
         sticks = state.phase == GraspPhase.SQUEEZE
