@@ -106,15 +106,15 @@ class GraspSequencer(LeafSystem):
 
     Port `command` emits a `GraspCommand`. Its frame G is the estimated pose of O, or on its way
     there while the hand approaches. While the hand closes, G moves with the estimated velocity, and
-    toward the estimate with a time constant of 0.3 s. From the squeeze on, G moves with the object
-    that the fingers hold (`HeldMotion`), within `TETHER` of the estimate as touch corrects it; for
-    the lift it stops with a constant deceleration, and moves along `lift_direction`. Contacts are
-    held from closing or giving up until the next approach. A finger holds from the moment the hand
-    closes until it releases; it may avoid obstacles at other times. The forces, once the hand
-    closes, are those at the points of the object nearest to the fingertips. They balance the weight
-    and the acceleration of stop and lift; until the lift, only their part without a wrench is
-    commanded. In the hold, forces against displacements of the object are added
-    (`restoring_forces`).
+    toward the estimate with a time constant of 0.3 s, within 2 mm of it. From the squeeze on, G
+    moves with the object that the fingers hold (`HeldMotion`), within `TETHER` of the estimate as
+    touch corrects it; for the lift it stops with a constant deceleration, and moves along
+    `lift_direction`. Contacts are held from closing or giving up until the next approach. A finger
+    holds from the moment the hand closes until it releases; it may avoid obstacles at other times.
+    The forces, once the hand closes, are those at the points of the object nearest to the
+    fingertips. They balance the weight and the acceleration of stop and lift; until the lift, only
+    their part without a wrench is commanded. In the hold, forces against displacements of the
+    object are added (`restoring_forces`).
 
     Port `X_WG` emits a `RigidTransform`: the pose of the frame G of the command.
 

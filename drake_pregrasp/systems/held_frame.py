@@ -62,6 +62,7 @@ class HeldMemory(NamedTuple):
 
 
 _FOLLOWING = 0.3  # Time constant with which a closing hand follows an estimate, in seconds.
+_LAG = 0.002  # Largest distance by which it lags behind: more is motion and not noise, in metres.
 
 _AT_REST = HeldMotion.at_rest()
 _unpack_motion = unpacker(_AT_REST)
@@ -134,8 +135,8 @@ class HeldFrame:
         """Returns the orientation and position of the object that the hand follows on a belt.
 
         It is the estimate until the hand closes. While the hand closes, it moves with the estimated
-        velocity, and toward the estimate with a time constant: fingers that touch would push the
-        object by the noise of each new measurement.
+        velocity, and toward the estimate with a time constant, within 2 mm of it: fingers that
+        touch would push the object by the noise of each new measurement.
         """
         _, R_WO, p_WO, _ = self._pose.eval(context)
         state: GraspState = self._grasp.Eval(context)
@@ -145,10 +146,11 @@ class HeldFrame:
         time, p_OCoM = context.get_time(), self._held.p_OCoM
         if not state.since <= last.time <= time:  # The clock may have been set back.
             return R_WO, p_WO
-        share = -math.expm1((last.time - time) / _FOLLOWING)
         now = last.at(time, p_OCoM)
         now = replace(now, p_WG=now.p_WG - self._revealed(context))
-        now = now.nearer(R_WO, p_WO, p_OCoM, share)
+        away = float(np.linalg.norm(now.p_WG - p_WO + (now.R_WG - R_WO) @ p_OCoM))
+        left = min(math.exp((last.time - time) / _FOLLOWING), _LAG / max(away, _LAG))
+        now = now.nearer(R_WO, p_WO, p_OCoM, 1 - left)
         return now.R_WG, now.p_WG
 
     def _revealed(self, context: Context) -> FloatArray:

@@ -232,7 +232,8 @@ def test_no_lift_pushes_into_the_table(direction):
         make_sequencer(GraspConfig(lift_direction=direction))
 
 
-def test_a_frame_on_which_fingers_close_follows_the_estimate_without_its_jumps():
+@pytest.mark.parametrize("jump", [0.001, 0.004])
+def test_a_frame_on_which_fingers_close_follows_the_estimate_without_its_jumps(jump):
     p_OCoM = np.array([0.01, 0.02, 0.0])
     X_WO = RigidTransform([0.0, 0.0, 0.05])
     w, v = np.array([0.0, 0.0, 0.1]), np.array([0.03, -0.02, 0.0])
@@ -252,7 +253,7 @@ def test_a_frame_on_which_fingers_close_follows_the_estimate_without_its_jumps()
     hand.advance(MEETING + 0.1)
     assert hand.array("grasp_report")[0] == GraspPhase.CLOSE
     fix(0.0, 0.0)
-    start, jump, errors = hand.context.get_time(), 0.004, []
+    start, errors = hand.context.get_time(), []
     for _ in range(15):
         hand.fix(p_WT=tips_at(hand.eval("X_WG"), SETTINGS.standoff))
         hand.tick()
@@ -261,8 +262,10 @@ def test_a_frame_on_which_fingers_close_follows_the_estimate_without_its_jumps()
         off = pose(time, jump).inverse() @ hand.eval("X_WG")
         away, angle = np.linalg.norm(off @ p_OCoM - p_OCoM), off.rotation().ToAngleAxis().angle()
         errors.append([away, angle] / np.exp(-time / 0.3))
-    # It moves with the velocity, and the error decays with a time constant of 0.3 s.
-    np.testing.assert_allclose(errors, [[2**0.5 * jump, 10 * jump]] * 15, rtol=2e-3)
+    # It moves with the velocity, and an error of at most 2 mm decays with a time constant of 0.3 s.
+    error = 2**0.5 * jump
+    left = min(1.0, 0.002 / error / np.exp(-CONTROL_PERIOD / 0.3))
+    np.testing.assert_allclose(errors, left * np.array([[error, 10 * jump]] * 15), rtol=3e-3)
 
 
 def test_fingers_that_squeeze_carry_the_frame_and_no_estimate_does():
