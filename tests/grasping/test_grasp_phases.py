@@ -386,30 +386,29 @@ def test_fingers_that_touch_wait_for_a_balance_up_to_the_limit(comes):
 
 
 def test_a_squeeze_follows_the_last_plan_that_balances_the_weight():
-    scene, plans = Scene(), []
+    scene, compared, closed = Scene(), set(), closing_time(play(Scene()))
+
+    def forces_at(tick):
+        return balanced(ALL).forces * (1 + PERIOD * tick)
 
     def squeeze(active):
-        forces = balanced(active).forces * (1 + scene.time)
-        if round(scene.time / PERIOD) % 3 == 0:  # So large an imbalance is never allowed.
-            return Squeeze(-forces, 2 * SETTINGS.imbalance, -forces, -forces)
-        plans.append(forces)
-        return Squeeze(forces, SETTINGS.imbalance, forces / 2, forces / 4)
+        tick = round(scene.time / PERIOD)
+        if scene.time <= closed:  # The gate allows less imbalance.
+            return balanced(active)
+        forces, is_off = forces_at(tick), tick % 3 == 0
+        residual = (1 + is_off) * SETTINGS.imbalance
+        return Squeeze(forces, residual, forces / 2, forces / 4)
 
     def compare(scene, state):
         if state.phase == GraspPhase.SQUEEZE and state.share < 1:
-            np.testing.assert_array_equal(state.forces, plans[-1])
-            np.testing.assert_array_equal(state.internal, plans[-1] / 2)
-            np.testing.assert_array_equal(state.stopping, plans[-1] / 4)
-            compared.add(scene.time)
+            last = round(scene.time / PERIOD) - 1
+            forces = forces_at(last - (last % 3 == 0))
+            np.testing.assert_allclose(state.forces, forces)
+            np.testing.assert_allclose(state.internal, forces / 2)
+            np.testing.assert_allclose(state.stopping, forces / 4)
+            compared.add(last)
 
-    # The gate allows less imbalance than the squeeze.
-    compared = set()
-    closed = closing_time(play(Scene()))
-
-    def at_gate(active):
-        return balanced(active) if scene.time <= closed else squeeze(active)
-
-    assert phases(play(scene, squeeze=at_gate, change=compare)) == WHOLE
+    assert phases(play(scene, squeeze=squeeze, change=compare)) == WHOLE
     assert len(compared) >= SETTINGS.squeeze_duration / PERIOD - 1
 
 
