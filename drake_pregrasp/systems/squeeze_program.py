@@ -182,12 +182,16 @@ def plan_lift(
 def balancing_forces(p_CoMC: FloatArray, wrench: FloatArray) -> FloatArray:
     """Returns the smallest forces that balance a wrench, -G⁺ wrench, shape (n, 3), in newtons.
 
+    G is the grasp matrix of points without moments, with torques over the longest lever arm.
+
     Args:
         p_CoMC: Lever arms from the centre of mass to the contacts, shape (n, 3), in metres.
         wrench: The wrench: force in N, and torque about the centre of mass in N m, shape (6,).
     """
-    scale = np.append(np.ones(3), np.full(3, 1 / longest_arm(p_CoMC)))
-    forces = np.linalg.pinv(_grasp_matrix(p_CoMC)) @ (scale * wrench)
+    length = longest_arm(p_CoMC)
+    arms = skew(p_CoMC / length)
+    G = np.concatenate([np.broadcast_to(np.eye(3), arms.shape), arms], axis=1)
+    forces = np.linalg.pinv(np.concatenate(G, axis=1)) @ np.append(wrench[:3], wrench[3:] / length)
     return np.asarray(-forces.reshape(-1, 3))
 
 
@@ -201,16 +205,8 @@ def internal_forces(p_CoMC: FloatArray, forces: FloatArray) -> FloatArray:
         p_CoMC: Lever arms from the centre of mass to the contacts, shape (n, 3), in metres.
         forces: Forces at the contacts, in the frame of `p_CoMC`, shape (n, 3), in newtons.
     """
-    G = _grasp_matrix(p_CoMC)
-    external = np.linalg.pinv(G) @ (G @ forces.ravel())
-    return forces - external.reshape(-1, 3)
-
-
-def _grasp_matrix(p_CoMC: FloatArray) -> FloatArray:
-    """Returns the grasp matrix G of points, with torques over the longest lever arm, (6, 3n)."""
-    arms = skew(p_CoMC / longest_arm(p_CoMC))
-    G = np.concatenate([np.broadcast_to(np.eye(3), arms.shape), arms], axis=1)
-    return np.concatenate(G, axis=1)
+    wrench = np.append(np.sum(forces, axis=0), np.sum(np.cross(p_CoMC, forces), axis=0))
+    return forces + balancing_forces(p_CoMC, wrench)
 
 
 def _solve(
