@@ -95,6 +95,10 @@ class StartCandidates:
         across: FloatArray = vectors - (vectors @ self._up)[..., None] * self._up
         return across
 
+    def standing_off(self, fingers: IntArray, candidates: IntArray) -> FloatArray:
+        """Returns centres of fingertips at their standoff from a candidate each, in O, (k, 3)."""
+        return self._ways[-1][fingers, candidates]
+
     def homes_at(self, yaw: float) -> FloatArray:
         """Returns the fingertips at home in O, across the palm's axis, shape (n, 3), in metres."""
         return self.across(self._hand.p_OT_at(yaw))

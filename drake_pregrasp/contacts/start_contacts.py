@@ -1,7 +1,7 @@
 """Start contacts of a hand: the fingers, their places and the palm's yaw by force closure."""
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.distance import pdist
@@ -44,7 +44,8 @@ def choose_start_contacts(
     At each yaw of the palm, fingers first take the permitted candidates nearest to their home. Then
     each in turn moves to the place with the best bound of the force-closure margin beside the
     others. For the best yaws the palm turns with the contacts until they are in reach there, and
-    the exact margins decide. A finger stays away if it has no room or lowers the margin. Where a
+    the exact margins decide. A finger stays away if it has no room or lowers the margin; the palm
+    then turns with the others. Where a
     finger nearly tips the object, lower places are preferred. Places at the edge of reach and under
     parts of the object cost more, unless this leaves no grasp. Then all other yaws are tried, too,
     if the best ones have none. If links of a finger were inside of the object, such as behind the
@@ -103,6 +104,13 @@ class _Trial:
     def fingers(self) -> IntArray:
         """Fingers with a candidate."""
         return np.flatnonzero(self.candidates != AWAY)
+
+
+class _Turned(NamedTuple):
+    """A trial after its palm has turned, and whether all contacts are in reach there."""
+
+    trial: _Trial
+    has_reach: bool
 
 
 class _Search:
@@ -188,18 +196,23 @@ class _Search:
         trial = self.settled(yaw)
         for _ in range(_TURNS if len(trial.fingers) >= self._hand.least_fingers else 0):
             turned = self._turned(trial)
-            free = self._candidates.limits_at(turned) == Limit.NONE
-            kept = self._candidates.kept(self._candidates.homes_at(turned), free, trial.candidates)
-            if np.array_equal(kept, trial.candidates):
-                return self._judged(replace(trial, yaw=turned))
-            trial = self.settled(turned, trial.candidates)
+            if turned.has_reach:
+                return self._judged(turned.trial)
+            trial = self.settled(turned.trial.yaw, trial.candidates)
         return None
 
-    def _turned(self, trial: _Trial) -> float:
-        """Returns the yaw to which the palm turns with the contacts, in radians."""
-        hand = self._hand
-        p_AT = self._p[self._nearest_candidates(trial)] @ hand.R_AO.T + hand.p_AO
-        return palm_turn(p_AT, hand.azimuths, trial.yaw, hand.yaw_range)
+    def _turned(self, trial: _Trial) -> _Turned:
+        """Returns a trial at the yaw to which the palm turns with its contacts (`palm_turn`).
+
+        Fingers that stay away do not count, because their goals turn with the palm.
+        """
+        hand, fingers, candidates = self._hand, trial.fingers, self._candidates
+        p_OT = candidates.standing_off(fingers, trial.candidates[fingers])
+        p_AT = p_OT @ hand.R_AO.T + hand.p_AO
+        yaw = palm_turn(p_AT, hand.azimuths[fingers], trial.yaw, hand.yaw_range)
+        free = candidates.limits_at(yaw) == Limit.NONE
+        kept = candidates.kept(candidates.homes_at(yaw), free, trial.candidates)
+        return _Turned(replace(trial, yaw=yaw), np.array_equal(kept, trial.candidates))
 
     def _nearest_candidates(self, trial: _Trial) -> IntArray:
         """Returns the assigned candidates, or those nearest to home for fingers that stay away."""
@@ -219,7 +232,11 @@ class _Search:
             margins = [self._margin(assigned) for assigned in fewer]
             if max(margins) <= trial.margin + _FINGER:
                 break
-            trial = replace(trial, candidates=fewer[int(np.argmax(margins))], margin=max(margins))
+            best = replace(trial, candidates=fewer[int(np.argmax(margins))], margin=max(margins))
+            turned = self._turned(best)
+            if not (turned.has_reach and hand.holds_palm(turned.trial.yaw)):
+                break
+            trial = turned.trial
         if trial.margin <= 0:
             return None
         assigned_fingers, assigned = trial.fingers, trial.candidates[trial.fingers]
@@ -249,7 +266,8 @@ class _Search:
                     assigned = np.where(np.arange(self._n) == finger, candidate, strong.candidates)
                     if (load := self._load(assigned)) > strong.load:
                         strong = replace(strong, candidates=assigned, load=load)
-        return self._judged(strong) or trial
+        turned = self._turned(strong)
+        return self._judged(turned.trial if turned.has_reach else strong) or trial
 
     def _load(self, assigned: IntArray) -> float:
         cones, model = self._cones(assigned)

@@ -15,6 +15,7 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.config.planner_config import PlannerConfig
+from drake_pregrasp.contacts.hand_above_object import StartContacts
 from drake_pregrasp.diagrams import start_grasp
 from drake_pregrasp.diagrams.approaches import Approach, approaching_hands
 from drake_pregrasp.diagrams.feasibility import check_torques
@@ -64,7 +65,7 @@ def add_grasping_hand(
     config: GraspConfig,
     planner: PlannerConfig,
     surface: ObjectSurface,
-    p_OC: FloatArray,
+    start: StartContacts,
     *,
     object_solid: SignedDistance,
     mass: float,
@@ -88,7 +89,7 @@ def add_grasping_hand(
         config: Configuration of the grasp.
         planner: Configuration of the planner, with the limits of the hand.
         surface: Surface of the object.
-        p_OC: Initial contacts in O, one for each finger, shape (n, 3), in metres.
+        start: Initial contacts, one for each finger, and yaw of the palm.
         object_solid: The object in O.
         mass: Mass of the object, in kg.
         X_WO: Pose of an object over which the hand starts; mostly its initial pose.
@@ -115,7 +116,8 @@ def add_grasping_hand(
             p_OCoM=surface.p_OCoM,
             fixed=list(fixed),
             X_WO=X_WO,
-            p_OC=p_OC,
+            p_OC=start.p_OC,
+            yaw=start.yaw,
             # Goals of another source do not wait for the planner's ticks.
             target_period=planner.period if goals is None else config.period,
             plant_time_step=plant_time_step,
@@ -128,7 +130,7 @@ def add_grasping_hand(
         builder,
         planner,
         surface,
-        p_OC,
+        start.p_OC,
         fingertip_frames=hand.kinematics.tip_frames,
         finger_measures=hand.fingers.measures if planner.needs_finger_measures else None,
         object_solid=seen_solid,
@@ -231,7 +233,7 @@ def AddHandController(
         config,
         planner,
         surface,
-        start.p_OC,
+        start,
         object_solid=solid,
         mass=mass,
         X_WO=X_WO,

@@ -90,6 +90,8 @@ class HandController(Diagram):
         gravity: Acceleration of the object along -z of W until the hand has gripped it, in m/s².
         diffusion: Spectral density of its random acceleration, in m²/s³.
         kernels: Implementation of the kinematics; that of `default_kernels` by default.
+        yaw: Initial yaw of the palm about z of its approach, in radians; by default that of
+            `palm_turn` at the initial contacts.
 
     Raises:
         InvalidArgumentError: If an argument or a field of `config` is out of its range, an initial
@@ -115,6 +117,7 @@ class HandController(Diagram):
         gravity: float = 0.0,
         diffusion: float = 0.0,
         kernels: Kernels | None = None,
+        yaw: float | None = None,
     ) -> None:
         super().__init__()
         _check(config, hand, mass=mass, p_OCoM=p_OCoM, p_OC=p_OC, plant_time_step=plant_time_step)
@@ -123,9 +126,11 @@ class HandController(Diagram):
         R_LA = hand.X_LA.rotation().matrix()
         raised = settings.approach_height * R_LA[:, 2]
         X_WG = RigidTransform(X_WO.rotation(), X_WO.translation() + raised)
-        p_AC = hand.around_axis(p_OC, X_WO.rotation().matrix(), p_OCoM)
         yaw_range = hand.yaw_range(config.yaw_range)
-        yaw = turned_within(palm_turn(p_AC, hand.azimuths, 0.0), yaw_range)
+        if yaw is None:
+            p_AC = hand.around_axis(p_OC, X_WO.rotation().matrix(), p_OCoM)
+            yaw = palm_turn(p_AC, hand.azimuths, 0.0)
+        yaw = turned_within(yaw, yaw_range)
         self.initial = hand.home(X_WG @ p_OCoM, yaw)
         builder, scene = DiagramBuilder(), hand.make_scene(object_solid, fixed, kernels)
         scene.check_start(self.initial)

@@ -22,7 +22,7 @@ from drake_pregrasp.config.object_config import (
     Toss,
 )
 from drake_pregrasp.config.planner_config import MeasuresConfig, PlannerConfig
-from drake_pregrasp.contacts.assignment import assign_fingers, palm_turn, ring_contacts
+from drake_pregrasp.contacts.assignment import assign_fingers, ring_contacts
 from drake_pregrasp.contacts.hand_above_object import StartContacts
 from drake_pregrasp.diagrams import feasibility, start_grasp
 from drake_pregrasp.diagrams.approaches import Approach, approaching_hands
@@ -215,7 +215,7 @@ def _resolved(
             there = shape, surface, X_WO, waiting
             model, start = _hand_and_start(scenario, source, *there, [X for _, X in path])
         planner = start_grasp.hand_planner(planner, scenario.grasp, model.description)
-        _check_base(scenario, model, start.p_OC, shape, path)
+        _check_base(scenario, model, start.yaw, shape, path)
     raise_first(scenario_check.obstacle_problems(scenario, shape))
     raise_first(unseen_problems(scenario, motion, shape))
     raise_first(scenario_check.limit_problems(scenario, planner.limits, count, surface))
@@ -365,7 +365,7 @@ def _followed_path(
 def _check_base(
     scenario: Scenario,
     hand: HandModel,
-    p_OC: FloatArray,
+    yaw: float,
     shape: Shape,
     path: Sequence[tuple[float, RigidTransform]],
 ) -> None:
@@ -377,22 +377,19 @@ def _check_base(
     Args:
         scenario: Scenario of the grasp.
         hand: Model of the hand with its approach.
-        p_OC: Start contacts in O, shape (n, 3), in metres.
+        yaw: Yaw of the palm at the start, in radians.
         shape: Shape of the object.
         path: Times in seconds and expected poses X_WO of the object, until the hand rests.
     """
     _, start = path[0]
-    p_AC = hand.around_axis(p_OC, start.rotation().matrix(), shape.p_OCoM)
-    yaw_range = hand.yaw_range(scenario.grasp.yaw_range)
-    first = palm_turn(p_AC, hand.azimuths, 0.0, yaw_range)
     for time, X_WO in path:
         with errors_at("motion", f"at {time:.3g} s the object is out of the arm's reach: "):
-            feasibility.check_palm(hand, scenario.grasp, [start, X_WO], shape.p_OCoM, first)
+            feasibility.check_palm(hand, scenario.grasp, [start, X_WO], shape.p_OCoM, yaw)
     if isinstance(scenario.motion, Conveyor) and not scenario.grasp.meeting.wait_at:
         rest = scenario.grasp.earliest_rest(hand.description.fingertips)
         end, profile = min(scenario.simulation_duration, rest), scenario.motion.velocities()
         p_WCoM = start @ shape.p_OCoM
         with errors_at("motion"):
             feasibility.check_carrier(
-                hand, scenario.grasp, VelocityProfile(profile), end, p_WCoM, first
+                hand, scenario.grasp, VelocityProfile(profile), end, p_WCoM, yaw
             )

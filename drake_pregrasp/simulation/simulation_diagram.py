@@ -221,7 +221,7 @@ def add_hand(
         scenario.grasp,
         resolved.planner,
         resolved.surface,
-        resolved.start.p_OC,
+        resolved.start,
         object_solid=resolved.shape.solid,
         mass=scenario.object.mass,
         X_WO=resolved.X_WO_waiting,

@@ -111,8 +111,9 @@ def test_chosen_contacts_pass_all_tests_and_hold_the_object(name):
         for i, p, n in zip(on, p_OC, normals, strict=True)
     ]
     assert set(limits) == {Limit.NONE}
-    # The palm turns to the yaw at which they are in reach.
-    turned = palm_turn(p_OC @ hand.R_AO.T, AZIMUTHS[on], start.yaw)
+    # The palm turns to the yaw at which they are in reach, and fingers that stay away do not.
+    p_OT = p_OC + (TIP + constraints.standoff) * normals
+    turned = palm_turn(p_OT @ hand.R_AO.T + hand.p_AO, AZIMUTHS[on], start.yaw)
     assert turned == pytest.approx(start.yaw, abs=1e-9)
     # Fingertips are beside each other, seen from above, and outside the object.
     level = np.array([1.0, 1.0, 0.0])
