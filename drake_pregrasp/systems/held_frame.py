@@ -256,8 +256,11 @@ class HeldFrame:
         if not GraspPhase.CLOSE <= state.phase <= GraspPhase.SQUEEZE:
             return
         motion: HeldMotion = self.near.Eval(context)
-        if not self.memory.Eval(context).is_gripped:
+        memory: HeldMemory = self.memory.Eval(context)
+        if not memory.is_gripped:
             V_WBelt = command.V_WO if self._in_air else _ON_TABLE * command.V_WO
+            if state.touched.any() and not self._in_air:  # Fingers may push it beside the belt.
+                V_WBelt = memory.last.V_WBelt
             a_W, time = self._held.a_W, context.get_time()
             motion = HeldMotion(time, command.R_WG, command.p_WG, V_WBelt, V_WBelt, a_W)
         discrete_state.set_value(self._last, pack(motion))

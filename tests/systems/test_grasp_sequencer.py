@@ -265,6 +265,25 @@ def test_fingers_that_squeeze_carry_the_frame_and_no_estimate_does():
     assert max(speeds) < 3 * np.linalg.norm(v)
 
 
+def test_what_fingers_do_to_the_object_as_they_touch_is_not_taken_for_the_belt():
+    X_WO, touch = RigidTransform([0.0, 0.0, 0.05]), SETTINGS.touch_force
+    hand = sequencer_over(X_WO)
+    hand.fix(V_WO_estimated=SpatialVelocity([0.3, 0.0, 0.1], [0.02, 0.0, 0.3]))
+    close_until_touch(hand, X_WO)
+    hand.fix(f_T_W=felt_by_first(RING).ravel())
+    hand.tick()
+    hand.tick()
+    assert hand.array("grasp_report")[0] == GraspPhase.CLOSE
+    hand.fix(V_WO_estimated=SpatialVelocity([0.0, 0.0, -0.4], [-0.03, 0.05, 0.0]))
+    hand.fix(f_T_W=-3 * touch * RING.ravel())
+    hand.advance(0.1)
+    assert hand.array("grasp_report")[0] == GraspPhase.SQUEEZE
+    # Of the belt's twist, the table leaves the yaw rate and the horizontal velocity.
+    w_WG, v_WG = hand.eval("command").V_WG
+    np.testing.assert_allclose(w_WG, [0.0, 0.0, 0.1], atol=1e-12)
+    np.testing.assert_allclose(v_WG, [0.02, 0.0, 0.0], atol=5e-3)
+
+
 def test_the_estimator_is_told_a_push_when_the_frame_has_yielded_to_it():
     X_WO = RigidTransform([0.0, 0.0, 0.05])
     hand = sequencer_over(X_WO)
