@@ -307,25 +307,23 @@ class GraspState:
             return self.active
         return self.active & self.touched
 
-    def force_limits(self, touch_force: float, R_WG: FloatArray) -> FloatArray:
+    def force_limits(self, touch_force: float) -> FloatArray:
         """Returns the largest horizontal and vertical force of each finger, in N, shape (n, 2).
 
         Until the squeeze is complete, and while a hand that has not gripped backs off, fingers
-        press with at most half the touch force more than they should, each way. Without a touch,
-        their vertical forces are those of the motion, and not limited.
+        press with at most half the touch force more than they should. Without a touch, their
+        vertical forces are those of the motion, and not limited.
 
         Args:
             touch_force: Least normal force that counts as touch.
-            R_WG: Orientation of the frame G of the forces, shape (3, 3).
         """
         has_let_go = self.phase == GraspPhase.BACK_OFF and np.isinf(self.gripped)
         if self.phase not in (GraspPhase.CLOSE, GraspPhase.SQUEEZE) and not has_let_go:
             return np.full((len(self.active), 2), NO_LIMIT)
-        internal = self.applied_share(touch_force) * self.internal @ R_WG.T
-        planned = np.stack([norms(internal[:, :2]), np.abs(internal[:, 2])], axis=1)
+        planned = self.applied_share(touch_force) * norms(self.internal)
         limits = np.maximum(planned + (GENTLE - 1) * touch_force, GENTLE * touch_force)
         is_limited = np.stack([self.active, self.active & self.touched], axis=1)
-        return np.where(is_limited, limits, NO_LIMIT)
+        return np.where(is_limited, limits[:, None], NO_LIMIT)
 
     def applied_share(self, touch_force: float) -> float:
         """Returns the share of the planned forces with which fingers press.

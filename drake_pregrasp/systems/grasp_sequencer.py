@@ -263,7 +263,7 @@ class GraspSequencer(LeafSystem):
             standoffs=standoffs,
             fingers_hold=state.fingers_hold,
             f_T_W=forces @ R_WG.T,
-            force_limits=state.force_limits(settings.touch_force, R_WG),
+            force_limits=state.force_limits(settings.touch_force),
         )
 
     def _passing_gaps(

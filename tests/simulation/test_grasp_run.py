@@ -94,8 +94,7 @@ def test_a_belt_that_accelerates_neither_shoves_nor_slides_the_object(start, cha
     grasp, log = result.summary["grasp"], run_log(result)
     assert grasp["phase"] == "hold"
     assert grasp["moved_closing_mm"] < 3
-    # The hand follows the belt with a delay; other moments of the squeeze differ.
-    assert grasp["moved_squeeze_mm"] < 10
+    assert grasp["moved_squeeze_mm"] < 6  # The hand follows the belt with a delay.
     phases = run_log(result, "grasp.csv")
     lift = phases["time"][phases["phase"] == GraspPhase.LIFT][0]
     # Two further measurements confirm the first one, and those of a sudden motion are held back.
