@@ -23,6 +23,7 @@ TURNED = RING @ RotationMatrix.MakeZRotation(0.4).matrix().T
 def test_it_starts_over_the_object_turned_to_its_contacts():
     for p_OC, yaw in ((RING, 0.0), (TURNED, 0.4)):
         np.testing.assert_allclose(hand_controller(p_OC=p_OC).initial[3], yaw, atol=1e-4)
+    np.testing.assert_allclose(hand_controller(p_OC=RING, yaw=-0.3).initial[3], -0.3)
 
 
 def test_its_wrist_starts_within_its_range():

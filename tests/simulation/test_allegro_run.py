@@ -193,6 +193,23 @@ def test_a_finger_whose_place_gets_free_comes_back_and_takes_part(allegro_panda,
     assert min(grasp["tip_forces"]) > 1.0
 
 
+def test_the_palm_starts_at_the_yaw_to_which_it_turns(allegro_panda):
+    """A finger that stays away must not turn it later: contacts could then leave the reach."""
+    text = """{hand: !HandFile {file: "package://drake_pregrasp/allegro_hand.yaml"},
+      object: !Box {size: [0.04, 0.03, 0.04], mass: 0.1}, motion: {angular_velocity: 0.0},
+      surface: {spacing: 0.004, forbidden_faces: ["+z", "-z"]}, planner: {static_duration: 5.0},
+      initial_contacts: []}"""
+    resolved = load_resolved("grasp_five_finger", text=text)
+    assert not resolved.start.has_contact.all()
+    diagram = make_diagram(resolved)
+    simulator, controller = Simulator(diagram), diagram.GetSubsystemByName("hand_controller")
+    context, X_WU = simulator.get_context(), controller.GetOutputPort("X_WU")
+    for time in (0.0, 1.0, 2.0):
+        simulator.AdvanceTo(time)
+        x, y = X_WU.Eval(controller.GetMyContextFromRoot(context)).rotation().matrix()[:2, 0]
+        assert np.arctan2(y, x) == pytest.approx(resolved.start.yaw, abs=0.02)
+
+
 def test_a_box_that_is_too_long_for_the_opening_is_refused(allegro_panda):
     with pytest.raises(ScenarioError, match=r"contacts: only 1 fingers reach .* place for link_3"):
         load_resolved(NAME, text="{object: !Box {size: [0.12, 0.065, 0.065], mass: 0.25}}")
