@@ -26,7 +26,7 @@ class HeldMotion:
         R_WG: Orientation of G in W, shape (3, 3).
         p_WG: Position of G in W, shape (3,), in metres.
         V_WG: Angular velocity, and velocity of the origin of G, shape (2, 3), in rad/s and m/s.
-        V_WBelt: Twist of the belt under the object when the fingers touched it, or in the air that
+        V_WBelt: Twist of the belt under the object before a finger touched it, or in the air that
             of the object, shape (2, 3), in rad/s and m/s.
         a_W: Acceleration of the centre of mass in W, shape (3,), in m/s²: zero on a belt, gravity
             in the air.
