@@ -35,13 +35,14 @@ class HandAboveObject:
             the largest gap that is sought, to the distances from what its joints reach, shape
             (n, k), in metres; 0 where they reach, and inf beyond the largest gap.
         link_gaps: Function from a yaw, the index of a finger, and centres of its tip in O, shape
-            (k, 3), to the gaps of its links to the object, shape (k,), in metres.
+            (k, 3), to the least gaps of its other links to the object, shape (k,), in metres; -inf
+            where its joints do not get there.
         patch_radii: Radii of the patches of soft fingertips, and 0 for hard ones, shape (n,), in
             metres; None if all are hard.
         pairs: Pairs of contacts that must be opposite each other.
         opening: Largest distance of such contacts, in metres.
-        avoids_links: Whether contacts are left out at which links of the finger are inside of the
-            object: it takes time to find them all, and they are rarely chosen.
+        avoids_links: Whether contacts are left out at which another link of the finger is as near
+            to the object as its tip: it takes time to find them all.
         clearance_weight: Factor of the costs of places at the edge of reach, and under parts of the
             object.
     """

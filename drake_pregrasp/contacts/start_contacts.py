@@ -48,8 +48,8 @@ def choose_start_contacts(
     then turns with the others. Where a
     finger nearly tips the object, lower places are preferred. Places at the edge of reach and under
     parts of the object cost more, unless this leaves no grasp. Then all other yaws are tried, too,
-    if the best ones have none. If links of a finger were inside of the object, such as behind the
-    inner side of a wall, all such contacts are left out.
+    if the best ones have none. If a finger did not get there with its joints, or touched the object
+    with another link before its tip, all such contacts are left out.
 
     Args:
         surface: The object's surface.
@@ -291,7 +291,7 @@ class _Search:
         return cones, {"model": "soft_finger", "torsional_friction": torsional}
 
     def has_clear_links(self, trial: _Trial) -> bool:
-        """Returns whether the links of all fingers of a trial stay out of the object."""
+        """Returns whether all fingers of a trial touch the object with their tips first."""
         return all(
             self._candidates.has_clear_links(trial.yaw, finger, trial.candidates[[finger]])[0]
             for finger in trial.fingers.tolist()

@@ -103,7 +103,9 @@ class HomeFingers:
     def link_gaps(
         self, finger: int, p_HT: FloatArray, distance: Callable[[FloatArray], FloatArray]
     ) -> FloatArray:
-        """Returns the least gaps of a finger's links to an object, shape (k,), in metres.
+        """Returns the least gaps of a finger's links to an object, without its fingertip.
+
+        They are those of `FingerLinks.gaps`, shape (k,), in metres.
 
         Args:
             finger: Index of the finger.
@@ -150,9 +152,9 @@ class HomeFingers:
     def _links(self) -> list[FingerLinks]:
         balls: list[list[tuple[int, FloatArray]]] = [[] for _ in self.chains]
         for link in self._balls(inner_balls):
-            if link.finger != BASE:
+            if link.finger != BASE and not link.is_tip:
                 balls[link.finger].append((link.joints, link.balls))
-        return [FingerLinks.of(*part) for part in zip(self.chains, balls, strict=True)]
+        return [FingerLinks(*part) for part in zip(self.chains, balls, strict=True)]
 
     @cached_property
     def _outer_balls(self) -> tuple[FloatArray, FloatArray]:

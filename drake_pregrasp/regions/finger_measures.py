@@ -27,8 +27,7 @@ LEAST_ARM = 1e-3
 
 _NODES = 16  # Number of nodes along each axis of a lattice.
 _SAMPLES = 3000  # Places of a fingertip; 90 % are nearer to the next than half of 12 mm.
-_CORE = 0.5  # Share of the radii of links: other positions nearby may avoid the rest.
-_POSTURES = 4  # Number of positions in which the links near a place are looked at.
+_ARRIVED = 1e-3  # Largest distance of a fingertip from a place that it reaches, in metres.
 _NEAR = 8  # Number of samples near a node, of which the one closest to home is taken.
 _STEPS = 12  # Number of steps from there to the node.
 _LAST = 4  # Number of the last steps, which no longer lead toward home.
@@ -144,52 +143,37 @@ class FingerChain:
 
 @dataclass(frozen=True, eq=False)
 class FingerLinks:
-    """Balls inside the links of a finger, at evenly spread positions of its joints.
+    """Links of a finger without its fingertip, as balls inside.
 
     Attributes:
-        tips: Centres of the fingertip in U, for a search of the nearest ones.
-        offsets: Centres of the balls from the fingertip, in U, shape (m, b, 3), in metres.
-        radii: Radii of the balls, shape (b,), in metres.
+        chain: The finger.
+        balls: Number of joints that carry each link, and its balls with the joints at home: centres
+            in U and radii, shape (b, 4), in metres.
     """
 
-    tips: cKDTree
-    offsets: FloatArray
-    radii: FloatArray
-
-    @staticmethod
-    def of(chain: FingerChain, balls: Sequence[tuple[int, FloatArray]]) -> "FingerLinks":
-        """Returns the links of a finger.
-
-        Args:
-            chain: The finger.
-            balls: Number of joints that carry each link, and its balls with the joints at home:
-                centres in U and radii, shape (b, 4), in metres. At least one link.
-        """
-        moved = chain.displacements(chain.samples())
-        R_UB, p_UB = moved[-1]
-        p_UT, centers = R_UB @ chain.tip + p_UB, []
-        for joints, own in balls:
-            R_UB, p_UB = moved[joints]
-            centers.append(own[:, :3] @ R_UB.swapaxes(1, 2) + p_UB[:, None])
-        offsets = np.concatenate(centers, axis=1) - p_UT[:, None]
-        return FingerLinks(cKDTree(p_UT), offsets, np.concatenate([own[:, 3] for _, own in balls]))
+    chain: FingerChain
+    balls: Sequence[tuple[int, FloatArray]]
 
     def gaps(self, p_UT: FloatArray, distance: Callable[[FloatArray], FloatArray]) -> FloatArray:
         """Returns the least gap of the links to an object, shape (k,), in metres; negative inside.
 
-        Of the positions that bring the fingertip near a place, it is that with the largest gap.
-        Only the inner half of the balls counts, as positions between the samples differ.
+        The finger is in the posture closest to home, as that of a hand whose joints are drawn home
+        while its tips follow their goals. Where this does not get there, the gap is -inf.
 
         Args:
             p_UT: Places of the fingertip in U, shape (k, 3), in metres.
             distance: Function from points in U, shape (p, 3), to their signed distances from the
                 object, shape (p,), in metres.
         """
-        _, near = self.tips.query(p_UT, k=_POSTURES)
-        p_UB = p_UT[:, None, None] + self.offsets[near]
-        gaps = distance(p_UB.reshape(-1, 3)).reshape(p_UB.shape[:-1]) - _CORE * self.radii
-        largest: FloatArray = np.max(np.min(gaps, axis=2), axis=1)
-        return largest
+        q = self.chain.postures(p_UT)
+        off = np.linalg.norm(self.chain.tips(q)[0] - p_UT, axis=1)
+        moved, gaps = self.chain.displacements(q), np.where(off <= _ARRIVED, np.inf, -np.inf)
+        for joints, balls in self.balls:
+            R_UB, p_UB = moved[joints]
+            p_US = balls[:, :3] @ R_UB.swapaxes(1, 2) + p_UB[:, None]
+            away = distance(p_US.reshape(-1, 3)).reshape(p_US.shape[:-1]) - balls[:, 3]
+            gaps = np.minimum(gaps, np.min(away, axis=1))
+        return gaps
 
 
 @dataclass(frozen=True, eq=False)

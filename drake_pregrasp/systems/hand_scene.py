@@ -302,11 +302,13 @@ class LinkBalls(NamedTuple):
     Attributes:
         finger: Index of the finger, or `BASE`.
         joints: Number of the finger's own joints that carry the link.
+        is_tip: Whether it is a fingertip.
         balls: Centres in W and radii, shape (k, 4), in metres.
     """
 
     finger: int
     joints: int
+    is_tip: bool
     balls: FloatArray
 
 
@@ -338,13 +340,14 @@ def palm_and_finger_balls(
             centers, radii = np.split(balls_of(inspector, geometry), [3], axis=1)
             R_WB, p_WB = np.split(X_WB[int(link.frame.body().index())], [3], axis=1)
             own = 0 if link.finger == BASE else int(np.sum(moved[hand.own_joints(link.finger)]))
-            yield LinkBalls(link.finger, own, np.column_stack([centers @ R_WB.T + p_WB.T, radii]))
+            balls = np.column_stack([centers @ R_WB.T + p_WB.T, radii])
+            yield LinkBalls(link.finger, own, link.is_tip, balls)
 
 
 def inner_balls(inspector: SceneGraphInspector, geometry: GeometryId) -> FloatArray:
-    """Returns balls inside a convex geometry that fill it along its longest axis, shape (k, 4).
+    """Returns balls along the longest axis of a convex geometry, and its corners, shape (k, 4).
 
-    The rows are those of `link_balls`.
+    The rows are those of `link_balls`; together they are fewer.
 
     Args:
         inspector: Inspector of the SceneGraph.
@@ -363,25 +366,28 @@ def inner_balls(inspector: SceneGraphInspector, geometry: GeometryId) -> FloatAr
         shifts = np.linspace(-most, most, 2 + int(2 * most / radius))
         centers = centers + shifts[:, None] * [1.0, 0.0, 0.0]
     radii = np.min(np.linalg.norm(along - centers[:, None], axis=2), axis=1)
-    return np.column_stack([centers @ axes, radii])
+    corners = link_balls(inspector, geometry, np.inf)
+    return np.concatenate([np.column_stack([centers @ axes, radii]), corners])
 
 
-def link_balls(inspector: SceneGraphInspector, geometry: GeometryId) -> FloatArray:
+def link_balls(
+    inspector: SceneGraphInspector, geometry: GeometryId, spacing: float = _BALL_SPACING
+) -> FloatArray:
     """Returns balls inside a convex geometry that touch its surface all over, shape (k, 4).
 
     The rows hold the centre in the frame of the body and the radius, in metres. The balls of a
-    sphere or a capsule have its radius, and those of other shapes are points of the surface. They
-    are at most `_BALL_SPACING` apart.
+    sphere or a capsule have its radius, and those of other shapes are points of the surface.
 
     Args:
         inspector: Inspector of the SceneGraph.
         geometry: Collision geometry of a link.
+        spacing: Largest distance of neighbouring balls, in metres.
     """
     shape, radius = inspector.GetShape(geometry), 0.0
     if isinstance(shape, Sphere):
         centers, radius = np.zeros((1, 3)), shape.radius()
     elif isinstance(shape, Capsule):
-        z = np.linspace(-0.5, 0.5, 2 + int(shape.length() / _BALL_SPACING)) * shape.length()
+        z = np.linspace(-0.5, 0.5, 2 + int(shape.length() / spacing)) * shape.length()
         centers, radius = z[:, None] * [0.0, 0.0, 1.0], shape.radius()
     else:
         if isinstance(shape, Box):
@@ -395,7 +401,7 @@ def link_balls(inspector: SceneGraphInspector, geometry: GeometryId) -> FloatArr
             hull = inspector.GetConvexHull(geometry)
             corners = [hull.vertex(index) for index in range(hull.num_vertices())]
             mesh = trimesh.convex.convex_hull(np.array(corners))
-        parts = split_triangles(mesh.triangles, mesh.face_normals, _BALL_SPACING)
+        parts = split_triangles(mesh.triangles, mesh.face_normals, spacing)
         centers = np.unique(parts.corners.reshape(-1, 3), axis=0)
     p_BS = (inspector.GetPoseInFrame(geometry) @ centers.T).T
     return np.column_stack([p_BS, np.full(len(p_BS), radius)])

@@ -23,6 +23,8 @@ from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.scenario_file import load_resolved
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
+from drake_pregrasp.systems.hand_kinematics import hand_links
+from drake_pregrasp.systems.hand_scene import link_balls
 
 R_TIP = HAND.tip_radii[0]
 MEASURES = FingerMeasures.around(
@@ -63,6 +65,37 @@ def test_chains_of_every_hand_move_as_in_drake(name):
         closer = (np.eye(len(chain.home)) - np.linalg.pinv(J) @ J) @ (chain.home - near)[:, :, None]
         inner = np.all((near > chain.lower) & (near < chain.upper), axis=1)
         assert np.median(np.linalg.norm(closer[inner], axis=1)) < 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", usable_hands())
+def test_links_of_every_hand_are_as_near_to_a_plane_as_in_drake(name):
+    hand = HandModel(load_hand(f"package://drake_pregrasp/{name}.yaml"))
+    plant, inspector = hand.kinematics.plant, hand.diagram.scene_graph().model_inspector()
+    links = hand_links(plant, hand.kinematics.frames, hand.tip_radii, inspector)
+    context, generator = plant.CreateDefaultContext(), np.random.default_rng(0)
+    for finger, chain in enumerate(hand.fingers.chains):
+        tip = chain.tips(generator.uniform(chain.lower, chain.upper)[None])[0][0]
+        normal = generator.normal(size=3)
+        normal /= np.linalg.norm(normal)
+        gaps = hand.fingers.link_gaps(finger, tip[None], lambda p, n=normal, p_0=tip: (p - p_0) @ n)
+        q = hand.base.at_home(hand.fingers_home)
+        q[hand.kinematics.own_joints(finger)] = chain.postures(tip[None])[0]
+        plant.SetPositions(context, q)
+        expected = np.inf
+        for geometry, link in links.items():
+            if link.finger == finger and not link.is_tip:
+                *p_BS, radii = link_balls(inspector, geometry).T
+                p_AS = hand.base.X_AW @ link.frame.CalcPoseInWorld(context) @ np.array(p_BS)
+                expected = min(expected, np.min(normal @ (p_AS - tip[:, None]) - radii))
+        assert gaps[0] == pytest.approx(expected, abs=1e-9) or gaps[0] == -np.inf
+
+
+def test_links_do_not_get_where_the_joints_do_not():
+    places = HAND.p_HT[0] + np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]])
+    gaps = HAND.fingers.link_gaps(0, places, lambda p: np.full(len(p), 0.1))
+    assert 0 < gaps[0] < 0.1
+    assert gaps[1] == -np.inf
 
 
 @pytest.mark.parametrize(("height", "passes"), [(0.03, False), (-0.03, True)])
