@@ -75,7 +75,7 @@ class HomeFingers:
     @cached_property
     def workspaces(self) -> list[cKDTree]:
         """Places of each fingertip, at evenly drawn positions of the finger's own joints."""
-        return [cKDTree(chain.tips(chain.samples())[0]) for chain in self.chains]
+        return [chain.workspace for chain in self.chains]
 
     def workspace_gaps(self, p_HT: FloatArray, largest: float = np.inf) -> FloatArray:
         """Returns how far places of each fingertip are from those that its joints reach.

@@ -86,7 +86,7 @@ def find_grip(
         axes: Directions from the object to the palm that are tried, in U.
         on_axis: Whether the object is on the axis through the origin of U.
     """
-    postures = [_postures(finger, finger.chain.samples()[:_SAMPLES]) for finger in fingers]
+    postures = [_postures(finger, finger.chain.samples[:_SAMPLES]) for finger in fingers]
     tips = np.concatenate([posture.tips for posture in postures])
     grips = []
     for axis in axes:

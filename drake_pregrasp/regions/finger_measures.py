@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -63,12 +64,12 @@ class FingerChain:
         Args:
             q: Positions of the joints, shape (m, k).
         """
-        (*before, (R_UB, p_UB)), screws = self.displacements(q), self.screws.reshape(-1, 2, 3)
+        *before, (R_UB, p_UB) = self.displacements(q)
         p_UT = R_UB @ self.tip + p_UB
-        J = []
-        for (w, v), (R_UB, p_UB) in zip(screws, before, strict=True):
-            J.append(R_UB @ v + np.cross(R_UB @ w, p_UT - p_UB))
-        return p_UT, np.stack(J, axis=2)
+        R_UJ, p_UJ = (np.stack(parts, axis=1) for parts in zip(*before, strict=True))
+        w, v = (R_UJ @ part[:, :, None] for part in np.split(self.screws, 2, axis=1))
+        J = v[..., 0] + np.cross(w[..., 0], p_UT[:, None] - p_UJ)
+        return p_UT, J.swapaxes(1, 2)
 
     def displacements(self, q: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
         """Returns how links have moved from home: R and p with p_U = R p_U(home) + p for each.
@@ -83,12 +84,15 @@ class FingerChain:
             Rotations, shape (m, 3, 3), and translations, shape (m, 3), in metres: of the palm, then
             of the link behind each joint.
         """
+        w, v = np.split(self.screws, 2, axis=1)
+        moved, center = (q - self.home)[:, :, None], np.cross(w, v)
+        slide = np.where(np.any(w, axis=1, keepdims=True), np.sum(w * v, axis=1)[:, None] * w, v)
+        turns = Rotation.from_rotvec((moved * w).reshape(-1, 3)).as_matrix()
+        turns = turns.reshape(*q.shape, 3, 3)
+        shifts = center - (turns @ center[:, :, None])[..., 0] + moved * slide
         R_UB, p_UB = np.tile(np.eye(3), (len(q), 1, 1)), np.zeros((len(q), 3))
         found = [(R_UB, p_UB)]
-        for (w, v), moved in zip(self.screws.reshape(-1, 2, 3), (q - self.home).T, strict=True):
-            R = Rotation.from_rotvec(moved[:, None] * w).as_matrix()
-            center, slide = np.cross(w, v), v if not np.any(w) else (w @ v) * w
-            shift = center - R @ center + moved[:, None] * slide
+        for R, shift in zip(turns.swapaxes(0, 1), shifts.swapaxes(0, 1), strict=True):
             p_UB = p_UB + (R_UB @ shift[:, :, None])[:, :, 0]
             R_UB = R_UB @ R
             found.append((R_UB, p_UB))
@@ -109,8 +113,9 @@ class FingerChain:
         J = self.tips(self.home[None])[1][0]
         return np.asarray(self.tip + (p_UT - self.tip) @ (J @ np.linalg.pinv(J)))
 
+    @cached_property
     def samples(self) -> FloatArray:
-        """Returns evenly spread positions of the joints, shape (m, k)."""
+        """Evenly spread positions of the joints, shape (m, k)."""
         # Imported only here, because scipy.stats takes a quarter of a second.
         from scipy.stats.qmc import Halton
 
@@ -118,16 +123,20 @@ class FingerChain:
         q: FloatArray = self.lower + share * (self.upper - self.lower)
         return q
 
+    @cached_property
+    def workspace(self) -> cKDTree:
+        """Places of the fingertip in U at `samples`."""
+        return cKDTree(self.tips(self.samples)[0])
+
     def postures(self, p_UT: FloatArray) -> FloatArray:
         """Returns positions of the joints, near home, that bring the fingertip closest to places.
 
         Args:
             p_UT: Places in U, shape (m, 3), in metres.
         """
-        samples = self.samples()
-        _, near = cKDTree(self.tips(samples)[0]).query(p_UT, k=_NEAR)
-        away = np.linalg.norm(samples[near] - self.home, axis=2)
-        q: FloatArray = samples[near[np.arange(len(near)), np.argmin(away, axis=1)]]
+        _, near = self.workspace.query(p_UT, k=_NEAR)
+        away = np.linalg.norm(self.samples[near] - self.home, axis=2)
+        q: FloatArray = self.samples[near[np.arange(len(near)), np.argmin(away, axis=1)]]
         damping, free = _DAMPING**2 * np.eye(3), np.ones(q.shape, dtype=bool)
         for step in range(_STEPS):
             p, J = self.tips(q)
@@ -263,7 +272,7 @@ class FingerMeasures:
 
 def _lattice(finger: FingerChain, radius: float, most: int) -> tuple[FloatArray, ...]:
     """Returns the rows of a finger in the first four attributes of `FingerMeasures`."""
-    tips, absent = finger.tips(finger.samples())[0], (0, most - len(finger.home))
+    tips, absent = finger.workspace.data, (0, most - len(finger.home))
     low = np.maximum(np.min(tips, axis=0), -radius)
     high = np.maximum(np.minimum(np.max(tips, axis=0), radius), low + _LEAST_SIZE)
     step = (high - low) / (_NODES - 1)

@@ -146,7 +146,7 @@ def test_measures_between_nodes_are_as_exact_as_stated(name):
     hand = HandModel(load_hand(f"package://drake_pregrasp/{name}.yaml"))
     lattices, errors = FingerMeasures.around(0.12, hand.fingers.chains), []
     for finger, chain in enumerate(hand.fingers.chains):
-        tips = chain.tips(chain.samples())[0]
+        tips = chain.workspace.data
         tips = tips[np.linalg.norm(tips, axis=1) < 0.12][::5]
         reached, J = chain.tips(chain.postures(tips))
         exact = posture_measures(J)
