@@ -37,12 +37,13 @@ class HandAboveObject:
         link_gaps: Function from a yaw, the index of a finger, and centres of its tip in O, shape
             (k, 3), to the least gaps of its other links to the object, shape (k,), in metres; -inf
             where its joints do not get there.
+        least_link_gap: Least of these gaps with which the tip touches first, in metres.
         patch_radii: Radii of the patches of soft fingertips, and 0 for hard ones, shape (n,), in
             metres; None if all are hard.
         pairs: Pairs of contacts that must be opposite each other.
         opening: Largest distance of such contacts, in metres.
-        avoids_links: Whether contacts are left out at which another link of the finger is as near
-            to the object as its tip: it takes time to find them all.
+        avoids_links: Whether contacts with less than this gap are left out: it takes time to find
+            them all.
         clearance_weight: Factor of the costs of places at the edge of reach, and under parts of the
             object.
     """
@@ -66,6 +67,7 @@ class HandAboveObject:
     link_gaps: Callable[[float, int, FloatArray], FloatArray] = lambda yaw, finger, p_OT: np.full(
         len(p_OT), np.inf
     )
+    least_link_gap: float = 0.0
     patch_radii: FloatArray | None = None
     pairs: tuple[Pair, ...] = ()
     opening: float = np.inf

@@ -11,7 +11,6 @@ from drake_pregrasp.contacts.tipping import tipping_shares
 from drake_pregrasp.geometry.mesh_surface import INTRUSION, mean_slopes
 from drake_pregrasp.geometry.solids import EVERYWHERE, SignedDistance, rounded_box_distances
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.grasping.clearances import TIP_LEAD
 from drake_pregrasp.regions.constraints import (
     ALONG,
     OPPOSITE,
@@ -120,7 +119,7 @@ class StartCandidates:
     def has_clear_links(self, yaw: float, finger: int, candidates: IntArray) -> BoolArray:
         """Returns whether a finger touches candidates with its tip before its links, shape (k,)."""
         gaps = self._hand.link_gaps(yaw, finger, self._ways[0][finger, candidates])
-        return gaps >= TIP_LEAD
+        return gaps >= self._hand.least_link_gap
 
     def reach_gaps_at(self, yaw: float) -> FloatArray:
         """Returns by how much each finger misses the nearest candidate on a side that it may touch.

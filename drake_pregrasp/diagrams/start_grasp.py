@@ -28,6 +28,7 @@ from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import InvalidArgumentError, Lack, NoGraspError, OutOfReachError
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.grasping.clearances import TIP_LEAD
 from drake_pregrasp.grasping.grasp_state import GENTLE
 from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
 from drake_pregrasp.regions.finger_measures import FingerMeasures
@@ -174,6 +175,7 @@ def _chosen_contacts(
                 (p_OT - p_OA) @ R_OA @ yaw_matrix(yaw), largest
             ),
             link_gaps=link_gaps,
+            least_link_gap=TIP_LEAD,
             clearance_weight=_clearance_weight(hand, gravity),
         ),
     )

@@ -20,7 +20,6 @@ from drake_pregrasp.errors import Lack, NoGraspError
 from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface
 from drake_pregrasp.geometry.shapes import ball_shape, box_shape, cylinder_shape, load_shape
 from drake_pregrasp.geometry.solids import BallSolid, HalfSpace
-from drake_pregrasp.grasping.clearances import TIP_LEAD
 from drake_pregrasp.quality.force_closure import largest_load, min_weight_margin
 from drake_pregrasp.regions.constraints import Limit, Obstacles, RegionConstraints
 from drake_pregrasp.regions.finger_reach import FingerReach
@@ -240,15 +239,15 @@ def test_a_finger_without_a_place_stays_away():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("gap", [TIP_LEAD - 1e-6, -np.inf])
+@pytest.mark.parametrize("gap", [0.002 - 1e-6, -np.inf])
 def test_contacts_that_a_link_touches_first_are_left_out(gap):
     free, _ = chosen(shape_of("box0"))
 
     def link_gaps(yaw, finger, p_OT):
         near = np.linalg.norm(p_OT - free.p_OC[finger], axis=1) < 0.02
-        return np.where(near & (finger == 1), gap, TIP_LEAD)
+        return np.where(near & (finger == 1), gap, 0.002)
 
-    start, _ = chosen(shape_of("box0"), link_gaps=link_gaps)
+    start, _ = chosen(shape_of("box0"), link_gaps=link_gaps, least_link_gap=0.002)
     assert free.has_contact[1]
     assert not start.has_contact[1] or np.linalg.norm(start.p_OC[1] - free.p_OC[1]) > 0.01
 
