@@ -42,8 +42,8 @@ class HandAboveObject:
             metres; None if all are hard.
         pairs: Pairs of contacts that must be opposite each other.
         opening: Largest distance of such contacts, in metres.
-        avoids_links: Whether contacts with less than this gap are left out: it takes time to find
-            them all.
+        avoids_links: Whether contacts at which the gap is less than `least_link_gap` are left out:
+            it takes time to find them all.
         clearance_weight: Factor of the costs of places at the edge of reach, and under parts of the
             object.
     """

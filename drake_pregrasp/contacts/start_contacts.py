@@ -45,11 +45,11 @@ def choose_start_contacts(
     each in turn moves to the place with the best bound of the force-closure margin beside the
     others. For the best yaws the palm turns with the contacts until they are in reach there, and
     the exact margins decide. A finger stays away if it has no room or lowers the margin; the palm
-    then turns with the others. Where a
-    finger nearly tips the object, lower places are preferred. Places at the edge of reach and under
-    parts of the object cost more, unless this leaves no grasp. Then all other yaws are tried, too,
-    if the best ones have none. If a finger did not get there with its joints, or touched the object
-    with another link before its tip, all such contacts are left out.
+    then turns with the others. Lower places are preferred if a finger nearly tips the object.
+    Places at the edge of reach and under parts of the object cost more, unless this leaves no
+    grasp. Then all other yaws are tried, too, if the best ones have none. If a finger did not get
+    there with its joints, or touched the object with another link before its tip, all such contacts
+    are left out.
 
     Args:
         surface: The object's surface.
