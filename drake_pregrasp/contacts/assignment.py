@@ -104,6 +104,7 @@ def palm_turn(
     finger_azimuths: FloatArray,
     before: float,
     yaw_range: tuple[float, float] = FREE_TURN,
+    slack: float = 0.0,
 ) -> float:
     """Returns the palm's yaw that brings its fingers nearest to the goals of their fingertips.
 
@@ -117,10 +118,12 @@ def palm_turn(
         finger_azimuths: Azimuths of the fingers about that axis at yaw 0, shape (n,), in radians.
         before: Last yaw, in radians; the result is continuous with it.
         yaw_range: Smallest and largest angle of the palm, in radians.
+        slack: Angle by which the last yaw may be off before the palm turns, in radians.
     """
     yaw = cmath.phase(np.vdot(np.exp(1j * finger_azimuths), p_GT[:, 0] + 1j * p_GT[:, 1]))
+    turn = math.remainder(yaw - before, 2 * math.pi)
     low, high = yaw_range
-    return max(low, min(before + math.remainder(yaw - before, 2 * math.pi), high))
+    return max(low, min(before + turn - max(-slack, min(turn, slack)), high))
 
 
 def turned_within(yaw: float, yaw_range: tuple[float, float]) -> float:

@@ -33,6 +33,7 @@ _LOAD, _STRONG = 0.5, 2.0  # Gain of strength for the object's weight once more,
 _TURN = 0.05  # Cost of a palm that turns by a radian.
 _NEIGHBOURS = 8  # Number of places near each contact that may hold more of the weight.
 _ENOUGH = 1.1  # Strength for the object's weight at which fingers that hold too little stop.
+_SLACK = 0.5  # Largest angle between a palm's yaw and that to which its contacts turn it.
 _DIGITS = 6  # Decimals of compared scores: rounding must not choose between equal ones.
 
 
@@ -45,11 +46,12 @@ def choose_start_contacts(
     each in turn moves to the place with the best bound of the force-closure margin beside the
     others. For the best yaws the palm turns with the contacts until they are in reach there, and
     the exact margins decide. A finger stays away if it has no room or lowers the margin; the palm
-    then turns with the others. Lower places are preferred if a finger nearly tips the object.
-    Places at the edge of reach and under parts of the object cost more, unless this leaves no
-    grasp. Then all other yaws are tried, too, if the best ones have none. If a finger did not get
-    there with its joints, or touched the object with another link before its tip, all such contacts
-    are left out.
+    then turns with the others. If this leads to no grasp from any yaw, the palm keeps its yaw,
+    unless its contacts would turn it far. Lower places are preferred if a finger nearly tips
+    the object. Places at the edge of reach and under parts of the object cost more, unless this
+    leaves no grasp. Then all other yaws are tried, too, if the best ones have none. If a finger did
+    not get there with its joints, or touched the object with another link before its tip, all such
+    contacts are left out.
 
     Args:
         surface: The object's surface.
@@ -70,6 +72,9 @@ def choose_start_contacts(
             break
         if (grasp := fine.grasp_at(trial.yaw)) is not None:
             grasps.append(grasp)
+    if not grasps:
+        settled = [fine.settled(trial.yaw) for trial in ranked]
+        grasps = [grasp for trial in settled if (grasp := fine.kept(trial)) is not None]
     if grasps:
         best = max(grasps, key=lambda grasp: (grasp.load >= 1, round(grasp.score, _DIGITS)))
         if best.load < 1:
@@ -90,7 +95,8 @@ class _Trial:
     """Assignment of candidates to fingers at a yaw of the palm.
 
     `candidates` holds the index of each finger's candidate, or `AWAY`. Bounds contain an upper
-    bound of the margin; the last trials have exact margins, loads and scores.
+    bound of the margin; the last trials have exact margins, loads and scores, and a `yaw_slack` as
+    `StartContacts`.
     """
 
     yaw: float
@@ -98,6 +104,7 @@ class _Trial:
     bound: float
     margin: float = 0.0
     load: float = 0.0
+    yaw_slack: float = 0.0
     score: float = 0.0
 
     @property
@@ -201,6 +208,13 @@ class _Search:
             trial = self.settled(turned.trial.yaw, trial.candidates)
         return None
 
+    def kept(self, trial: _Trial) -> _Trial | None:
+        """Returns a grasp of a trial whose palm keeps its yaw; None if there is none."""
+        if len(trial.fingers) < self._hand.least_fingers:
+            return None
+        slack = abs(self._turned(trial).trial.yaw - trial.yaw)
+        return self._judged(replace(trial, yaw_slack=slack)) if slack <= _SLACK else None
+
     def _turned(self, trial: _Trial) -> _Turned:
         """Returns a trial at the yaw to which the palm turns with its contacts (`palm_turn`).
 
@@ -212,7 +226,9 @@ class _Search:
         yaw = palm_turn(p_AT, hand.azimuths[fingers], trial.yaw, hand.yaw_range)
         free = candidates.limits_at(yaw) == Limit.NONE
         kept = candidates.kept(candidates.homes_at(yaw), free, trial.candidates)
-        return _Turned(replace(trial, yaw=yaw), np.array_equal(kept, trial.candidates))
+        return _Turned(
+            replace(trial, yaw=yaw, yaw_slack=0.0), np.array_equal(kept, trial.candidates)
+        )
 
     def _nearest_candidates(self, trial: _Trial) -> IntArray:
         """Returns the assigned candidates, or those nearest to home for fingers that stay away."""
@@ -267,7 +283,8 @@ class _Search:
                     if (load := self._load(assigned)) > strong.load:
                         strong = replace(strong, candidates=assigned, load=load)
         turned = self._turned(strong)
-        return self._judged(turned.trial if turned.has_reach else strong) or trial
+        grasp = self._judged(turned.trial) if turned.has_reach else self.kept(strong)
+        return grasp or trial
 
     def _load(self, assigned: IntArray) -> float:
         cones, model = self._cones(assigned)
@@ -300,7 +317,9 @@ class _Search:
     def contacts_of(self, trial: _Trial) -> StartContacts:
         """Returns the contacts of a trial."""
         p_OC = self._p[self._nearest_candidates(trial)]
-        return StartContacts(p_OC, trial.candidates != AWAY, trial.yaw, trial.margin, trial.score)
+        return StartContacts(
+            p_OC, trial.candidates != AWAY, trial.yaw, trial.margin, trial.score, trial.yaw_slack
+        )
 
     def _missing_reach(self) -> str:
         """Returns in words by how much fingers that are needed miss the object."""

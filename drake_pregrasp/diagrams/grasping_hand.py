@@ -118,6 +118,7 @@ def add_grasping_hand(
             X_WO=X_WO,
             p_OC=start.p_OC,
             yaw=start.yaw,
+            yaw_slack=start.yaw_slack,
             # Goals of another source do not wait for the planner's ticks.
             target_period=planner.period if goals is None else config.period,
             plant_time_step=plant_time_step,

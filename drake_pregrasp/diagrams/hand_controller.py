@@ -92,6 +92,8 @@ class HandController(Diagram):
         kernels: Implementation of the kinematics; that of `default_kernels` by default.
         yaw: Initial yaw of the palm about z of its approach, in radians; by default that of
             `palm_turn` at the initial contacts.
+        yaw_slack: Angle by which the yaw may be off that of `palm_turn` before the palm turns, in
+            radians.
 
     Raises:
         InvalidArgumentError: If an argument or a field of `config` is out of its range, an initial
@@ -118,6 +120,7 @@ class HandController(Diagram):
         diffusion: float = 0.0,
         kernels: Kernels | None = None,
         yaw: float | None = None,
+        yaw_slack: float = 0.0,
     ) -> None:
         super().__init__()
         _check(config, hand, mass=mass, p_OCoM=p_OCoM, p_OC=p_OC, plant_time_step=plant_time_step)
@@ -164,6 +167,7 @@ class HandController(Diagram):
                 target_period=target_period,
                 yaw=yaw,
                 yaw_range=yaw_range,
+                yaw_slack=yaw_slack,
                 lead=config.period + plant_time_step,
                 X_LA=hand.X_LA,
                 p_OCoM=p_OCoM,

@@ -145,11 +145,11 @@ def compiled_straight_step(
 
 
 @compiled(
-    "Tuple((f8, f8))(f8[:,::1], f8[::1], f8[::1], f8[::1], f8, f8, f8[:,:], f8[:], f8[:,:],"
+    "Tuple((f8, f8))(f8[:,::1], f8[::1], f8[::1], f8[::1], f8, f8, f8, f8[:,:], f8[:], f8[:,:],"
     " f8[:,::1], f8[:,::1], f8, f8, f8[:,::1], f8[:,::1], f8[:,::1])"
 )
 def write_hand_goals(  # type: ignore[no-untyped-def]
-    R_AL, p_AL, p_OCoM, azimuths, low, high, R, p_WG, V_WG, p, v, yaw, lead, p_WT, v_WT, palm
+    R_AL, p_AL, p_OCoM, azimuths, low, high, slack, R, p_WG, V_WG, p, v, yaw, lead, p_WT, v_WT, palm
 ):
     """Writes fields of `HandGoals`, and returns the yaw of the palm and its rate.
 
@@ -160,12 +160,13 @@ def write_hand_goals(  # type: ignore[no-untyped-def]
         azimuths: `PalmAxis.finger_azimuths`, shape (n,), in radians.
         low: Smallest yaw, in radians.
         high: Largest yaw, in radians.
+        slack: `PalmAxis.yaw_slack`, in radians.
         R: `GraspCommand.R_WG`, shape (3, 3).
         p_WG: `GraspCommand.p_WG`, shape (3,), in metres.
         V_WG: `GraspCommand.V_WG`, shape (2, 3).
         p: Goals of the fingertips in G, shape (n, 3), in metres.
         v: Their velocities in G, shape (n, 3), in m/s.
-        yaw: Last yaw of the palm, in radians.
+        yaw: Last yaw of the palm, turned on with G since, in radians.
         lead: Seconds by which the goals of fingertips are ahead.
         p_WT: Result, shape (n, 3), in metres.
         v_WT: Result, shape (n, 3), in m/s.
@@ -198,6 +199,7 @@ def write_hand_goals(  # type: ignore[no-untyped-def]
         palm[0, k] = p_WG[k] + to_mass[k]
     turn = math.atan2(across, along) - yaw
     turn -= 2 * math.pi * np.rint(turn / (2 * math.pi))
+    turn -= max(-slack, min(turn, slack))
     rate = R_AL[2, 0] * w[0] + R_AL[2, 1] * w[1] + R_AL[2, 2] * w[2]
     return max(low, min(yaw + turn, high)), rate
 
@@ -213,7 +215,7 @@ def compiled_hand_goals(
     """See `hand_goals`."""
     p_WT, v_WT, palm = np.empty(p_GT.shape), np.empty(p_GT.shape), np.empty((2, 3))
     yaw, yaw_rate = write_hand_goals(
-        *(axis.R_AL, axis.p_AL, axis.p_OCoM, axis.finger_azimuths, *axis.yaw_range),
+        *(axis.R_AL, axis.p_AL, axis.p_OCoM, axis.finger_azimuths, *axis.yaw_range, axis.yaw_slack),
         *(command.R_WG, command.p_WG, command.V_WG, p_GT, v_GT, yaw, lead),
         *(p_WT, v_WT, palm),
     )

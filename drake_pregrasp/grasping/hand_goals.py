@@ -22,6 +22,7 @@ class PalmAxis:
         p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
         finger_azimuths: Azimuths of the fingers about the axis at yaw 0, shape (n,), in radians.
         yaw_range: Smallest and largest yaw of the palm, in radians.
+        yaw_slack: Angle by which the yaw may be off before the palm turns, in radians.
     """
 
     R_AL: FloatArray
@@ -29,6 +30,7 @@ class PalmAxis:
     p_OCoM: FloatArray
     finger_azimuths: FloatArray
     yaw_range: tuple[float, float]
+    yaw_slack: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +69,7 @@ def hand_goals(
         command: Command of the grasp's phase, with the motion of G.
         p_GT: Goals of the fingertips' centres in G, shape (n, 3), in metres.
         v_GT: Velocities of these goals in G, shape (n, 3), in m/s.
-        yaw: Last yaw of the palm, in radians.
+        yaw: Last yaw of the palm, turned on with G since, in radians.
         lead: Seconds by which the goals of fingertips are ahead.
     """
     (w_WG, v_WG), R_WG, spin = command.V_WG, command.R_WG, skew(command.V_WG[0])
@@ -78,7 +80,7 @@ def hand_goals(
         v_WT=p_GT @ (spin @ R_WG).T + v_WG + v_GT @ R_WG.T,
         p_WL=command.p_WG + p_GL_W,
         v_WL=v_WG + spin @ p_GL_W,
-        yaw=palm_turn(p_AT, axis.finger_azimuths, yaw, axis.yaw_range),
+        yaw=palm_turn(p_AT, axis.finger_azimuths, yaw, axis.yaw_range, axis.yaw_slack),
         yaw_rate=float(axis.R_AL[2] @ w_WG),
     )
 

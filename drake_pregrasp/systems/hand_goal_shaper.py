@@ -68,7 +68,7 @@ class HandGoalShaper(LeafSystem):
     Port `goals` emits `HandGoals`: those of the fingertips `lead` after the Context's time, and
     those of the palm at this time. The palm is over the centre of mass in G. It turns to the yaw of
     `palm_turn`, which brings its fingers nearest to their goals, continuously and within its
-    range.
+    range, but turns only with G while it is off by no more than `yaw_slack`.
 
     Port `contacts` emits a vector of 7n: the contacts that the fingertips go to, in O, in metres,
     one after another, then the outward unit normals there, then for each finger 1 if it is active
@@ -106,6 +106,8 @@ class HandGoalShaper(LeafSystem):
             ticks contact goals do not change in O.
         yaw: Initial yaw of the palm, in radians.
         yaw_range: Smallest and largest angle of the palm, in radians.
+        yaw_slack: Angle by which the yaw may be off that of `palm_turn` before the palm turns, in
+            radians.
         lead: Seconds by which fingertip goals are ahead: the delay of the system that follows them.
         X_LA: Approach of the palm; see `HandModel`. Fingers go around z of A, and withdraw along
             it.
@@ -131,6 +133,7 @@ class HandGoalShaper(LeafSystem):
         target_period: float,
         yaw: float = 0.0,
         yaw_range: tuple[float, float] = FREE_TURN,
+        yaw_slack: float = 0.0,
         lead: float = 0.0,
         X_LA: RigidTransform = FROM_ABOVE,
         p_OCoM: FloatArray | None = None,
@@ -144,6 +147,8 @@ class HandGoalShaper(LeafSystem):
         for name, value in (("target_period", target_period), ("tip_radius", np.min(tip_radius))):
             if not value > 0:
                 raise InvalidArgumentError(f"{name} must be greater than 0, not {value}")
+        if not yaw_slack >= 0:
+            raise InvalidArgumentError(f"yaw_slack must be at least 0, not {yaw_slack}")
         self._tip_frames, self._lead = list(tip_frames), lead
         self._object = object_solid
         if isinstance(object_solid, Solid):  # Solids move in each tick, fastest as rows of numbers.
@@ -163,6 +168,7 @@ class HandGoalShaper(LeafSystem):
             p_OCoM=np.zeros(3) if p_OCoM is None else np.array(p_OCoM, dtype=float),
             finger_azimuths=np.array(finger_azimuths, dtype=float),
             yaw_range=yaw_range,
+            yaw_slack=yaw_slack,
         )
         acceleration = GOAL_SHARE * config.tip_acceleration
         self._pace = Pace(config.goal_speed, acceleration, config.period)
@@ -312,6 +318,7 @@ class HandGoalShaper(LeafSystem):
     def _calc_goals(self, context: Context) -> HandGoals:
         command: GraspCommand = self._command.Eval(context)
         p_GT, v_GT, yaw = self._stored(context)
+        yaw += self._pace.period * float(self._axis.R_AL[2] @ command.V_WG[0])
         return self._kernels.hand_goals(self._axis, command, p_GT, v_GT, yaw, self._lead)
 
     def _palm(self, context: Context) -> tuple[FloatArray, float]:

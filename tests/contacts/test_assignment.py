@@ -165,6 +165,15 @@ def test_a_goal_near_the_axis_does_not_turn_the_palm():
     )
 
 
+@given(st.floats(-3.0, 3.0), st.floats(0.0, 1.0), st.floats(-1.0, 0.0), st.floats(0.0, 1.0))
+def test_a_palm_with_slack_turns_no_farther_than_it_must(before, slack, low, high):
+    azimuths = np.array([0.6, 0.0, -0.6, np.pi])
+    goals = 0.08 * np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros(4)], axis=1)
+    nearest = before if abs(before) <= slack else np.copysign(slack, before)
+    found = palm_turn(goals, azimuths, before, (low, high), slack)
+    assert found == pytest.approx(np.clip(nearest, low, high), abs=1e-9)
+
+
 ENDS = ["+z", "-z"]
 PRISM = box_surface([0.1, 0.1, 0.08], spacing=0.01, forbidden_faces=ENDS)
 OPEN_BOX = box_surface([0.1, 0.06, 0.12], spacing=0.01, forbidden_faces=[])

@@ -231,6 +231,25 @@ def test_the_same_object_has_the_same_contacts_at_any_density():
     assert margins[1] == pytest.approx(margins[0], abs=0.1)
 
 
+@pytest.mark.parametrize("turn", [0.3, 0.8])
+def test_a_palm_that_its_contacts_would_turn_too_far_keeps_its_yaw(turn):
+    """Fingers reach little, and not at the azimuths to which the palm would turn."""
+    shape, options = shape_of("box0"), {"half_angle": 0.15, "azimuths": AZIMUTHS + turn}
+    if turn > 0.5:
+        with pytest.raises(NoGraspError, match="only at yaws that the palm leaves"):
+            chosen(shape, **options)
+        return
+    surface = surface_of(shape)
+    start, hand = chosen(shape, surface, **options)
+    on = np.flatnonzero(start.has_contact)
+    p_OC, normals = start.p_OC[on], surface.project(start.p_OC)[1][on]
+    for i, p, n in zip(on, p_OC, normals, strict=True):
+        assert hand.constraints_at(start.yaw).limits_at(i, p[None], n[None])[0][0] == Limit.NONE
+    turned = palm_turn(p_OC + (TIP + STANDOFF) * normals, hand.azimuths[on], start.yaw)
+    assert start.yaw_slack == pytest.approx(abs(turned - start.yaw), abs=1e-9)
+    assert start.yaw_slack > 0.1
+
+
 def test_a_finger_without_a_place_stays_away():
     reaches = [reach_of(azimuth, 1.13) for azimuth in AZIMUTHS]
     reaches[2] = reach_of(AZIMUTHS[2], 1.13, BallSolid(np.array([0.5, 0, 0]), 0.01))

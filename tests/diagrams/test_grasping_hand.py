@@ -9,6 +9,7 @@ from five_finger_hand import HAND, X_WO
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
 from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 import drake_pregrasp as dp
@@ -69,6 +70,20 @@ def test_the_robot_starts_where_its_controller_starts():
     added.planner.GetInputPort("X_WO_measured").FixValue(planning, X_WO)
     contacts = p_WC.Eval(planning).reshape(-1, 3)
     assert np.max(SURFACE.distance(contacts - X_WO.translation())) < 1e-6
+
+
+@pytest.mark.slow
+def test_the_palm_keeps_the_slack_of_its_start():
+    still = "{motion: {linear_velocity: 0, angular_velocity: 0}, simulation_duration: 1.0}"
+    resolved = dp.load_resolved("grasp_five_finger", text=still)
+    start = replace(resolved.start, yaw=resolved.start.yaw + 0.2, yaw_slack=0.3)
+    diagram = dp.make_diagram(replace(resolved, start=start))
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(1.0)
+    controller = diagram.GetSubsystemByName("hand_controller")
+    context = controller.GetMyContextFromRoot(simulator.get_context())
+    X_WU = controller.GetOutputPort("X_WU").Eval(context)
+    assert RollPitchYaw(X_WU.rotation()).yaw_angle() == pytest.approx(start.yaw, abs=0.03)
 
 
 BESIDE = [[1, -0.6, 0], [1, -0.3, 0], [1, 0, 0], [1, 0.3, 0], [1, 0.6, 0]]

@@ -39,6 +39,7 @@ def test_its_wrist_starts_within_its_range():
         (None, {"mass": 0.0}, "mass must be greater than 0, not 0.0"),
         (None, {"mass": np.nan}, "mass must be greater than 0, not nan"),
         (None, {"plant_time_step": -1.0}, "plant_time_step must be greater than 0"),
+        (None, {"yaw_slack": -0.1}, "yaw_slack must be at least 0, not -0.1"),
         (GraspConfig(least_force=0.2), {}, "touch_force must be less than least_force, 0.2"),
     ],
 )
@@ -92,6 +93,15 @@ def test_joints_get_finite_commands_whatever_comes(port):
             largest = max(largest, np.max(np.abs(desired - before)[: len(system.initial)]))
             before = desired
     assert largest < 0.5  # Radians or metres in three ticks, of which joints do less than a third.
+
+
+@pytest.mark.parametrize(("yaw_slack", "yaw"), [(0.0, 0.0), (0.3, 0.25)])
+def test_the_palm_keeps_a_yaw_within_its_slack(yaw_slack, yaw):
+    system = hand_controller(yaw=0.25, yaw_slack=yaw_slack)
+    driven = Driven(system, **SOUND, hand_state=np.append(system.initial, 0 * system.initial))
+    driven.advance(2.0)
+    turned = RotationMatrix.MakeZRotation(yaw)
+    assert driven.eval("X_WU").rotation().IsNearlyEqualTo(turned, 1e-3)
 
 
 STEP = 0.01

@@ -110,6 +110,7 @@ def test_goals_in_the_world_are_those_of_the_reference(seed):
         p_OCoM=rng.normal(size=3),
         finger_azimuths=rng.uniform(-np.pi, np.pi, N),
         yaw_range=(-0.3, 0.4) if seed % 2 else (-np.inf, np.inf),
+        yaw_slack=0.5 * (seed % 3),
     )
     command = SimpleNamespace(
         R_WG=Rotation.random(random_state=seed + 20).as_matrix(),

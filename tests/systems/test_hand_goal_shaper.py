@@ -203,13 +203,16 @@ def turning_shaper(yaw_range, rate, seconds, **palm):
         goals_W = (X_WO @ (0.6 * RING).T).T
         shaper.fix(fingertip_targets=bus(goals_W, UNIT_RING @ X_WO.rotation().matrix().T))
         yaws.append(shaper.eval("goals").yaw)
-        shaper.advance(PERIOD)
+        shaper.simulator.AdvanceTo((round(1.0 / PERIOD) + k + 1) * PERIOD)
     return shaper, X_WO, np.array(yaws)
 
 
-def test_a_palm_turns_with_the_object_on_and_on():
-    _, _, yaws = turning_shaper((-np.inf, np.inf), rate=2.0, seconds=4.0)
-    np.testing.assert_allclose(np.diff(yaws), 2.0 * PERIOD, atol=1e-6)
+@pytest.mark.parametrize(("yaw", "yaw_slack"), [(0.0, 0.0), (0.2, 0.2), (-0.2, 0.3)])
+def test_a_palm_turns_with_the_object_on_and_on(yaw, yaw_slack):
+    palm = {"yaw": yaw, "yaw_slack": yaw_slack}
+    _, _, yaws = turning_shaper((-np.inf, np.inf), rate=4.0, seconds=2.0, **palm)
+    assert yaws[0] == pytest.approx(yaw, abs=4.0 * PERIOD)
+    np.testing.assert_allclose(np.diff(yaws), 4.0 * PERIOD, atol=1e-6)
 
 
 def test_a_palm_of_limited_range_stays_in_it_and_comes_back_the_other_way_round():
