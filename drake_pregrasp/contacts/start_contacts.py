@@ -253,7 +253,7 @@ class _Search:
             if not (turned.has_reach and hand.holds_palm(turned.trial.yaw)):
                 break
             trial = turned.trial
-        if trial.margin <= 0:
+        if trial.margin <= TIE:  # Rounding is no force closure.
             return None
         assigned_fingers, assigned = trial.fingers, trial.candidates[trial.fingers]
         load = self._load(trial.candidates)
