@@ -31,6 +31,7 @@ def approaching_hands(
     fixed: Sequence[Solid],
     X_WB: RigidTransform | None = None,
     incoming: FloatArray | None = None,
+    pans: bool = False,
 ) -> list[HandModel]:
     """Returns models of a hand with the approaches to choose from, over the top of an object.
 
@@ -46,6 +47,7 @@ def approaching_hands(
         X_WB: Pose of the base; None: as for `HandModel`.
         incoming: Displacement of an object to where the palm waits for it, in W, shape (3,), in
             metres; None for a palm that does not wait.
+        pans: Whether carriers from the side turn with the object about the vertical.
 
     Raises:
         InvalidArgumentError: If the hand does not match its model with an approach, or its carrier
@@ -58,7 +60,12 @@ def approaching_hands(
         up = X_LA.rotation().matrix()[:, 2] @ R_WO
         top = float(np.max((surface.mesh.vertices - surface.p_OCoM) @ up))
         raised = upright.description.over_object(top)
-        return HandModel(raised, config.yaw_range, X_LA, X_WB, upright.model, extent=extent)
+        is_panning = pans and not (is_arm or X_LA.rotation().IsExactlyIdentity())
+        return HandModel(
+            *(raised, config.yaw_range, X_LA, X_WB, upright.model),
+            extent=extent,
+            pans=is_panning,
+        )
 
     found = {ABOVE: [FROM_ABOVE]}
     if SIDE in config.approaches:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.math import RigidTransform, RollPitchYaw
 from scipy.linalg import block_diag
 
 from drake_pregrasp.arrays import FloatArray
@@ -12,9 +12,10 @@ from drake_pregrasp.config.object_config import GRAVITY
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.contacts.hand_above_object import StartContacts
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.diagrams.palm_base import PalmCarrier
+from drake_pregrasp.diagrams.palm_base import WRIST, PalmCarrier
 from drake_pregrasp.errors import InvalidArgumentError, Lack, NoGraspError
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
+from drake_pregrasp.geometry.rotations import turn_about_z
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.clearances import LINK_CLEARANCE
 from drake_pregrasp.grasping.grasp_state import GiveUp
@@ -22,7 +23,6 @@ from drake_pregrasp.systems.grasp_sequencer import lift_load
 from drake_pregrasp.systems.squeeze_program import plan_lift
 
 _TIMES = 200  # Times at which the joints of a carrier are compared with their limits.
-_WRIST = 3  # Index of the joint of a carrier that turns.
 _REACHED = 0.002  # Largest distance of a fingertip from its place that counts as there, in metres.
 _HALVINGS = 8  # Halvings of the load's share that torques hold.
 _REST = np.zeros(3)
@@ -71,7 +71,7 @@ def travel_problem(hand: HandModel, p_WL: FloatArray) -> str:
     """
     if isinstance(hand.base, PalmCarrier):
         q, model = hand.home(p_WL, 0.0), hand.kinematics
-        for name, axis in zip(hand.base.names[:_WRIST], hand.base.joints[:_WRIST], strict=True):
+        for name, axis in zip(hand.base.names[:WRIST], hand.base.joints[:WRIST], strict=True):
             low, high = model.lower[axis], model.upper[axis]
             if not low <= q[axis] <= high:
                 there = f"joint {name} would be at {q[axis]:.3g} m"
@@ -109,12 +109,12 @@ def check_carrier(
     follows = hand.yaw_range(config.yaw_range) == FREE_TURN
     yaws = yaw + follows * hand.X_LA.rotation().matrix()[2, 2] * turned
     q = [
-        hand.home(p_WCoM + np.array([x, 0.0, 0.0]), psi)[joints]
-        for x, psi in zip(slid, yaws, strict=True)
+        hand.base.rest_posture(hand.fingers_home, p_WCoM + np.array([x, 0.0, 0.0]), *turns)[joints]
+        for x, *turns in zip(slid, yaws, hand.pans * turned, strict=True)
     ]
     positions, rates = np.array(q), np.abs(np.diff(q, axis=0)) / np.diff(times)[:, None]
     for index, (name, joint) in enumerate(zip(hand.base.names, joints, strict=True)):
-        unit = "rad" if index == _WRIST else "m"
+        unit = "rad" if index >= WRIST else "m"
         limit, travel = model.rate_limit[joint], (model.lower[joint], model.upper[joint])
         if np.any(fast := rates[:, index] > limit):
             time, rate = times[np.argmax(fast)], np.max(rates[:, index])
@@ -192,7 +192,7 @@ def check_torques(
     R_OW, p_OCoM, fingers = X_WO.rotation().matrix().T, surface.p_OCoM, start.has_contact
     p_OC, efforts, columns = start.p_OC[fingers], [], []
     nhat = surface.project(p_OC)[1]
-    R_OU = R_OW @ hand.X_LA.rotation().matrix() @ yaw_matrix(start.yaw)
+    R_OU = R_OW @ hand.X_LA.rotation().matrix() @ turn_about_z(start.yaw)
     p_OU = p_OCoM + R_OW @ hand.X_LA.translation()
     p_UT = (p_OC + hand.tip_radii[fingers, None] * nhat - p_OU) @ R_OU
     for place, finger in zip(p_UT, np.flatnonzero(fingers), strict=True):
@@ -228,9 +228,3 @@ def check_torques(
     holds = f"the torques of the hand's joints hold {held * needed:.3g} N at the start contacts"
     weigh = f"{mass:g} kg weigh {GRAVITY * mass:.3g} N and need {needed:.3g} N in the lift"
     raise NoGraspError(Lack.TORQUE, f"{holds}, and {weigh}")
-
-
-def yaw_matrix(yaw: float) -> FloatArray:
-    """Returns the rotation matrix of a yaw in radians, shape (3, 3)."""
-    R: FloatArray = RotationMatrix.MakeZRotation(yaw).matrix()
-    return R

@@ -25,7 +25,7 @@ from drake_pregrasp.config.hand_description import (
     Mount,
 )
 from drake_pregrasp.diagrams.hand_instances import HandInstances
-from drake_pregrasp.diagrams.palm_base import check_home
+from drake_pregrasp.diagrams.palm_base import PAN, check_home
 from drake_pregrasp.errors import InvalidArgumentError, ProblemCollector
 
 # The axes of five_finger_hand.sdf, whose comment names their data sheets: drives, ranges in metres
@@ -33,11 +33,19 @@ from drake_pregrasp.errors import InvalidArgumentError, ProblemCollector
 _SLIDE = Drive([], 1e5, 2000.0, rotor_inertia=2.0, effort=350.0, speed=1.5, acceleration=10.0)
 _WRIST = Drive([], 400.0, 20.0, rotor_inertia=1.8e-2, effort=9.9, speed=4.08, acceleration=80.0)
 _DRIVES, _RANGES, _MASSES = 3 * [_SLIDE] + [_WRIST], (1.5, 1.5, 1.5, 31.4), (3.0, 3.0, 2.0, 0.6)
+# A turn about the vertical through the origin of W moves all axes of a hand from the side: as stiff
+# as the slides at a metre, and as fast as the wrist. Limits are in radians, masses in kg.
+_PAN = Drive([], 1e5, 2000.0, rotor_inertia=2.0, effort=350.0, speed=4.08, acceleration=20.0)
+_PAN_RANGE, _PAN_MASS = 31.4, 3.0
 _RADIUS = 0.05  # Radius of the balls whose inertias the axes have, in metres.
 
 
 def assemble_hand(
-    hand: HandInstances, description: HandDescription, X_WB: RigidTransform | None = None
+    hand: HandInstances,
+    description: HandDescription,
+    X_WB: RigidTransform | None = None,
+    *,
+    pans: bool = False,
 ) -> None:
     """Adds axes, drives and frames of a description to a parsed hand, and fixes locked joints.
 
@@ -46,6 +54,7 @@ def assemble_hand(
         description: Description of the hand.
         X_WB: Pose in W of the frame B that the model calls its world; None: the hand stays where it
             is.
+        pans: Whether a joint turns the hand, with B, about z of W.
 
     Raises:
         InvalidArgumentError: If the model lacks a link or a joint that the description names, a
@@ -75,9 +84,10 @@ def assemble_hand(
         axes = description.base.joints
         _add_axes(hand, axes, description.base.mount)
         drives = dict(zip(axes, _DRIVES, strict=True)) | drives
+    parent: Frame = _add_pan(hand) if pans else plant.world_frame()
     if X_WB is not None:
-        _place_base(hand, X_WB)
-    joints = list(_in_order(hand, plant.world_body().index())) if drives else []
+        _place_base(hand, X_WB, parent)
+    joints = list(_in_order(hand, parent.body().index())) if drives else []
     named = {hand.joint(name, "drives").index(): drive for name, drive in drives.items() if name}
     for joint in joints:
         if (drive := named.pop(joint.index(), drives.get(""))) is None:
@@ -107,25 +117,41 @@ def _lock(hand: HandInstances, locked: LockedJoint) -> None:
     hand.plant.AddJoint(WeldJoint(name, *ends, X))
 
 
-def _place_base(hand: HandInstances, X_WB: RigidTransform) -> None:
-    """Moves what is joined to the world with B, and welds links without a joint to B."""
+def _add_pan(hand: HandInstances) -> Frame:
+    """Adds a joint that turns the whole hand about the vertical, and returns the frame it moves."""
+    plant = hand.plant
+    inertia = SpatialInertia.SolidSphereWithMass(_PAN_MASS, _RADIUS)
+    body = plant.AddRigidBody(f"{PAN}_axis", hand.instances[-1], inertia)
+    up = np.array([0.0, 0.0, 1.0])
+    joint = plant.AddJoint(RevoluteJoint(PAN, plant.world_frame(), body.body_frame(), up))
+    joint.set_position_limits([-_PAN_RANGE], [_PAN_RANGE])
+    _drive(plant, joint, _PAN)
+    return body.body_frame()
+
+
+def _place_base(hand: HandInstances, X_WB: RigidTransform, parent: Frame) -> None:
+    """Joins to a parent, with B, what is joined to the world, and welds links without a joint to B.
+
+    The parent is the frame of the world, or one that coincides with it while the hand does not pan.
+    """
     plant, world = hand.plant, hand.plant.world_body()
     joints = list(hand.joints())
     hanging = {joint.child_body().index() for joint in joints}
     for body in list(hand.bodies()):
         if body.index() not in hanging:
-            plant.WeldFrames(plant.world_frame(), body.body_frame(), X_WB)
-    if X_WB.IsExactlyIdentity():
+            plant.WeldFrames(parent, body.body_frame(), X_WB)
+    if X_WB.IsExactlyIdentity() and parent.is_world_frame():
         return
     for joint in joints:
-        if joint.parent_body() is world:
-            _rejoin(plant, joint, X_WB @ joint.frame_on_parent().GetFixedPoseInBodyFrame())
+        if joint.parent_body() is world and joint.child_body() is not parent.body():
+            X_WF = X_WB @ joint.frame_on_parent().GetFixedPoseInBodyFrame()
+            _rejoin(plant, joint, parent, X_WF)
 
 
-def _rejoin(plant: MultibodyPlant, joint: Joint, X_WF: RigidTransform) -> None:
-    """Puts another joint with its frame at X_WF in place of one that is on the world."""
+def _rejoin(plant: MultibodyPlant, joint: Joint, parent: Frame, X_WF: RigidTransform) -> None:
+    """Puts another joint in place of one on the world, with its frame at X_WF on a parent."""
     name, child = joint.name(), joint.frame_on_child()
-    frame = FixedOffsetFrame(f"{name}_base", plant.world_frame(), X_WF, joint.model_instance())
+    frame = FixedOffsetFrame(f"{name}_base", parent, X_WF, joint.model_instance())
     frame = plant.AddFrame(frame)
     if isinstance(joint, WeldJoint):
         X_FM = joint.X_FM()

@@ -127,6 +127,7 @@ class HandController(Diagram):
         hand.check_contacts(p_OC, object_solid.distance_and_gradient(p_OC)[1])
         settings = config.make_settings(hand.description.fingertips)
         R_LA = hand.X_LA.rotation().matrix()
+        turns_from = X_WO.rotation().matrix() if hand.pans else None
         raised = settings.approach_height * R_LA[:, 2]
         X_WG = RigidTransform(X_WO.rotation(), X_WO.translation() + raised)
         yaw_range = hand.yaw_range(config.yaw_range)
@@ -150,6 +151,7 @@ class HandController(Diagram):
                 stiffness=hand.kinematics.level_stiffness(self.initial),
                 least_stiffness=hand.kinematics.least_stiffness(self.initial),
                 palm_axis=R_LA[:, 2],
+                R_WO=turns_from,
                 gravity=gravity,
             ),
         )
@@ -170,6 +172,7 @@ class HandController(Diagram):
                 yaw_slack=yaw_slack,
                 lead=config.period + plant_time_step,
                 X_LA=hand.X_LA,
+                R_WO=turns_from,
                 p_OCoM=p_OCoM,
                 kernels=scene.kernels,
             ),

@@ -16,7 +16,7 @@ from drake_pregrasp.diagrams.hand_instances import HandInstances, check_inertias
 from drake_pregrasp.diagrams.hand_parsing import add_read_model, failures_as_errors, read_model
 from drake_pregrasp.diagrams.home_fingers import HomeFingers
 from drake_pregrasp.diagrams.model_files import CheckedModel
-from drake_pregrasp.diagrams.palm_base import PalmCarrier, check_home, make_base
+from drake_pregrasp.diagrams.palm_base import WRIST, PalmCarrier, check_home, make_base
 from drake_pregrasp.errors import InvalidArgumentError, ProblemCollector, first_line
 from drake_pregrasp.fast import default_kernels
 from drake_pregrasp.fast.kernels import REFERENCE, HandKernels, Kernels
@@ -45,12 +45,15 @@ class HandModel:
         warns: Whether warnings about a given model are logged.
         extent: Largest distance of contacts from the object's centre of mass, in metres, for
             `HomeFingers.measures`. The smaller it is, the finer they are.
+        pans: Whether a joint turns a carrier with B about z of W, so that a palm from the side
+            turns with the object. B must then have the origin of W.
 
     Attributes:
         description: Description of the hand.
         model: Its model, as Drake's parser gets it.
         X_LA: Approach of the palm.
         X_WB: Pose of the model's world B in W.
+        pans: Whether the palm turns with the object about the vertical.
         diagram: Plant with only the hand, and its SceneGraph.
         instances: The hand in this plant.
         kinematics: Kinematics of the fingertips in this plant.
@@ -77,8 +80,10 @@ class HandModel:
         *,
         warns: bool = False,
         extent: float = np.inf,
+        pans: bool = False,
     ) -> None:
         self.description, self._yaw_range, self.X_LA = description, yaw_range, X_LA
+        self.pans = pans
         self.model = model or read_model(description.model)
         if X_WB is None:
             is_turned = isinstance(description.base, Carrier)
@@ -90,7 +95,7 @@ class HandModel:
         except RuntimeError as error:
             problem = f"model: {description.model} cannot be used: {first_line(error)}"
             raise InvalidArgumentError(problem) from error
-        self.base = make_base(description.base, self.instances, X_LA, X_WB.translation())
+        self.base = make_base(description.base, self.instances, X_LA, X_WB.translation(), pans)
         self.kinematics = self._kinematics(self.instances, REFERENCE.hand())
         self.tip_radii: FloatArray = np.array([tip.radius for tip in description.fingertips])
         self.fingers_home = self._place_fingers()
@@ -118,7 +123,13 @@ class HandModel:
             warns: Whether warnings about the model are logged.
         """
         return add_read_model(
-            plant, self.model, self.description, self._yaw_range, self.X_WB, warns=warns
+            plant,
+            self.model,
+            self.description,
+            self._yaw_range,
+            self.X_WB,
+            pans=self.pans,
+            warns=warns,
         )
 
     def _parse(self, *, warns: bool = False) -> tuple[RobotDiagram, HandInstances]:
@@ -186,7 +197,7 @@ class HandModel:
         """
         if not isinstance(self.base, PalmCarrier):
             return asked
-        wrist = self.base.joints[-1]
+        wrist = self.base.joints[WRIST]
         low, high = float(self.kinematics.lower[wrist]), float(self.kinematics.upper[wrist])
         if asked != FREE_TURN:
             if not low <= asked[0] <= asked[1] <= high:

@@ -130,6 +130,7 @@ def add_read_model(
     yaw_range: tuple[float, float] = FREE_TURN,
     X_WB: RigidTransform = FROM_ABOVE,
     *,
+    pans: bool = False,
     warns: bool = False,
 ) -> list[ModelInstanceIndex]:
     """Adds a hand whose model has been read to a plant; see `add_hand_model`.
@@ -141,12 +142,13 @@ def add_read_model(
         yaw_range: Smallest and largest angle of a carrier's wrist, in radians; the model keeps its
             own range by default.
         X_WB: As for `add_hand_model`.
+        pans: Whether a joint turns the hand, with B, about z of W.
         warns: Whether warnings about the model are logged.
     """
     is_first = plant.num_model_instances() == _EMPTY  # No instance is renamed then.
     instances = _parse(plant, model, warns=warns)
     hand = HandInstances(plant, instances, are_named=is_first)
-    _complete(hand, description, X_WB, yaw_range)
+    _complete(hand, description, X_WB, yaw_range, pans=pans)
     return instances
 
 
@@ -190,12 +192,14 @@ def _complete(
     description: HandDescription,
     X_WB: RigidTransform | None,
     yaw_range: tuple[float, float] = FREE_TURN,
+    *,
+    pans: bool = False,
 ) -> None:
     if hand.plant.is_finalized():
         raise InvalidArgumentError("plant: it is finalized already; complete the hand before")
     try:
         with failures_as_errors():
-            assemble_hand(hand, description, X_WB)
+            assemble_hand(hand, description, X_WB, pans=pans)
     except ProblemsError:
         raise
     except (RuntimeError, ValueError) as error:

@@ -11,8 +11,9 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.hand_description import Arm, BaseConfig, Carrier
 from drake_pregrasp.diagrams.hand_instances import HandInstances
 from drake_pregrasp.errors import InvalidArgumentError, OutOfReachError
+from drake_pregrasp.geometry.rotations import turn_about_z
 from drake_pregrasp.systems.hand_kinematics import moving_joints
-from drake_pregrasp.systems.palm_frames import pose_error, turned_frame
+from drake_pregrasp.systems.palm_frames import panned, pose_error, turned_frame
 
 _STARTS = 6  # Postures from which an arm searches its initial pose: home, and random ones.
 _STEPS = 300  # Largest number of steps of an arm to its initial pose.
@@ -25,18 +26,25 @@ _POSTURE_SHARE = 0.1  # Share of the distance to home per step, in the null spac
 JOINT_KINDS = ("prismatic", "prismatic", "prismatic", "revolute")
 """Drake's names of the types of a carrier's joints x, y, z and yaw."""
 
+WRIST = 3
+"""Index of the yaw among a carrier's joints, behind the slides."""
+
+PAN = "pan"
+"""Name of the joint that turns a carrier from the side about the vertical."""
+
 
 class PalmCarrier:
-    """Four axes that carry a palm.
+    """Four axes that carry a palm, and a fifth that turns them about the vertical if it pans.
 
     Args:
         config: Description of the axes.
         hand: The hand in a finalized plant that contains nothing else.
         X_LA: Approach of the palm; see `HandModel`.
         p_WB: Position of the axes' frame in W, shape (3,), in metres.
+        pans: Whether the hand has the joint `PAN`.
 
     Attributes:
-        joints: Indices of the positions x, y, z and yaw.
+        joints: Indices of the positions x, y, z and yaw, and of the pan if there is one.
         names: Names of these joints.
         palm_frame: Empty: the axes follow a posture, not the palm a pose.
         X_AW: Pose of W in A with the palm at home.
@@ -47,17 +55,24 @@ class PalmCarrier:
     """
 
     def __init__(
-        self, config: Carrier, hand: HandInstances, X_LA: RigidTransform, p_WB: FloatArray
+        self,
+        config: Carrier,
+        hand: HandInstances,
+        X_LA: RigidTransform,
+        p_WB: FloatArray,
+        pans: bool = False,
     ) -> None:
         joints = _base_joints(hand, config.joints)
+        if pans:
+            joints.append(hand.joint(PAN, "base.joints"))
         self.joints, self.palm_frame = [joint.position_start() for joint in joints], ""
-        self.names = config.joints
+        self.names = [joint.name() for joint in joints]
         self._X_LA, self.X_AW = X_LA, X_LA.inverse()
-        # Positions of x, y and z are R_AL p_WL + p_AL for a point L on the palm's axis.
+        # Without a pan, x, y and z are R_AL p_WL + p_AL for a point L on the palm's axis.
         self._R_AL = self.X_AW.rotation().matrix()
         self.p_AL: FloatArray = self._R_AL @ (X_LA.translation() - p_WB)
         self.p_AL[2] += config.palm_height
-        for joint, expected in zip(joints, JOINT_KINDS, strict=True):
+        for joint, expected in zip(joints, JOINT_KINDS, strict=False):
             if (kind := joint.type_name()) != expected:
                 raise InvalidArgumentError(
                     f"base.joints: {joint.name()} is {kind}; three prismatic joints along x, y and"
@@ -78,16 +93,18 @@ class PalmCarrier:
         """Returns positions with the palm at home and the fingers as in q, shape (nq,)."""
         return self.with_palm_over(q, np.zeros(3), 0.0)
 
-    def rest_posture(self, home: FloatArray, p_WL: FloatArray, yaw: float) -> FloatArray:
+    def rest_posture(
+        self, home: FloatArray, p_WL: FloatArray, yaw: float, pan: float = 0.0
+    ) -> FloatArray:
         """See `systems.differential_kinematics.PalmBase`."""
         posture = np.array(home, dtype=float)
-        x, y, z = self._R_AL @ p_WL + self.p_AL
-        posture[self.joints] = x, y, z, yaw
+        x, y, z = self._R_AL @ (turn_about_z(pan).T @ p_WL) + self.p_AL
+        posture[self.joints] = (x, y, z, yaw, pan)[: len(self.joints)]
         return posture
 
-    def palm_goal(self, p_WL: FloatArray, yaw: float) -> RigidTransform:
-        """Returns the frame of the palm's axis, turned by a yaw."""
-        return turned_frame(p_WL, self._X_LA, yaw)
+    def palm_goal(self, p_WL: FloatArray, yaw: float, pan: float = 0.0) -> RigidTransform:
+        """Returns the frame of the palm's axis, turned by a yaw and a pan."""
+        return turned_frame(p_WL, panned(self._X_LA, pan), yaw)
 
 
 class PalmArm:
@@ -198,24 +215,30 @@ class PalmArm:
         home[self.joints] = self._home
         return home
 
-    def rest_posture(self, home: FloatArray, p_WL: FloatArray, yaw: float) -> FloatArray:
+    def rest_posture(
+        self, home: FloatArray, p_WL: FloatArray, yaw: float, pan: float = 0.0
+    ) -> FloatArray:
         """See `systems.differential_kinematics.PalmBase`."""
         return self.at_home(home)
 
-    def palm_goal(self, p_WL: FloatArray, yaw: float) -> RigidTransform:
+    def palm_goal(self, p_WL: FloatArray, yaw: float, pan: float = 0.0) -> RigidTransform:
         """See `systems.differential_kinematics.PalmBase`."""
-        return turned_frame(p_WL, self._X_LA, yaw) @ self.X_AP
+        return turned_frame(p_WL, panned(self._X_LA, pan), yaw) @ self.X_AP
 
 
 CarrierOrArm = PalmCarrier | PalmArm
 
 
 def make_base(
-    config: BaseConfig, hand: HandInstances, X_LA: RigidTransform, p_WB: FloatArray
+    config: BaseConfig,
+    hand: HandInstances,
+    X_LA: RigidTransform,
+    p_WB: FloatArray,
+    pans: bool = False,
 ) -> CarrierOrArm:
     """Returns the base that a description names in a model."""
     if isinstance(config, Carrier):
-        return PalmCarrier(config, hand, X_LA, p_WB)
+        return PalmCarrier(config, hand, X_LA, p_WB, pans)
     return PalmArm(config, hand, X_LA)
 
 

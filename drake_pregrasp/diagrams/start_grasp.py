@@ -23,9 +23,10 @@ from drake_pregrasp.contacts.assignment import (
 from drake_pregrasp.contacts.hand_above_object import HandAboveObject, StartContacts
 from drake_pregrasp.contacts.start_contacts import choose_start_contacts
 from drake_pregrasp.diagrams.approaches import Approach, best_approach, table_height
-from drake_pregrasp.diagrams.feasibility import palm_problem, yaw_matrix
+from drake_pregrasp.diagrams.feasibility import palm_problem
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import InvalidArgumentError, Lack, NoGraspError, OutOfReachError
+from drake_pregrasp.geometry.rotations import turn_about_z
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.clearances import TIP_LEAD
@@ -63,7 +64,7 @@ def _start_constraints(
 
     def at(yaw: float) -> RegionConstraints:
         R_OH = R_OW @ reach_frame(p_OCoM, yaw, yaw_range, hand.X_LA).rotation().matrix()
-        R_OU = R_OW @ hand.X_LA.rotation().matrix() @ yaw_matrix(yaw)
+        R_OU = R_OW @ hand.X_LA.rotation().matrix() @ turn_about_z(yaw)
         fingers = measures and replace(measures, least=least, R_OU=R_OU, p_OU=p_OA)
         return replace(shared, reach_pose=(R_OH, p_OA), finger_measures=fingers)
 
@@ -143,7 +144,7 @@ def _chosen_contacts(
     problem_at = partial(palm_problem, hand, config, poses, p_OCoM, table_height(fixed))
 
     def link_gaps(yaw: float, finger: int, p_OT: FloatArray) -> FloatArray:
-        R_OU = R_OA @ yaw_matrix(yaw)
+        R_OU = R_OA @ turn_about_z(yaw)
         return hand.fingers.link_gaps(
             finger, (p_OT - p_OA) @ R_OU, lambda p_UP: solid.distance(p_UP @ R_OU.T + p_OA)
         )
@@ -156,7 +157,7 @@ def _chosen_contacts(
             constraints_at=_start_constraints(
                 hand, limits, X_WO, fixed, yaw_range, p_OCoM, measures
             ),
-            p_OT_at=lambda yaw: hand.p_HT @ (R_OA @ yaw_matrix(yaw)).T + p_OA,
+            p_OT_at=lambda yaw: hand.p_HT @ (R_OA @ turn_about_z(yaw)).T + p_OA,
             azimuths=hand.azimuths,
             R_AO=R_OA.T,
             p_AO=-p_OA @ R_OA,
@@ -172,7 +173,7 @@ def _chosen_contacts(
             opening=hand.fingers.opening(hand.description.jaws) - 2 * config.standoff,
             holds_palm=lambda yaw: not problem_at(yaw),
             workspace_gaps=lambda yaw, p_OT, largest: hand.fingers.workspace_gaps(
-                (p_OT - p_OA) @ R_OA @ yaw_matrix(yaw), largest
+                (p_OT - p_OA) @ R_OA @ turn_about_z(yaw), largest
             ),
             link_gaps=link_gaps,
             least_link_gap=TIP_LEAD,
@@ -253,7 +254,7 @@ def _given_contacts(
     p_OC, has_room = make_room(surface, p_OC, constraints, up=R_OA[:, 2])
     _check_room(hand.description, has_room)
     p_OT = p_OC + hand.tip_radii[:, None] * surface.project(p_OC)[1]
-    p_AT = hand.around_axis(p_OT, R_WO, p_OCoM) @ yaw_matrix(yaw)
+    p_AT = hand.around_axis(p_OT, R_WO, p_OCoM) @ turn_about_z(yaw)
     reached = has_room & (hand.fingers.workspace_gaps(p_AT[:, None], 0.0)[:, 0] == 0)
     away = np.mean(np.linalg.norm(hand.p_HT - p_AT, axis=1))
     return StartContacts(p_OC, has_room, yaw, np.nan, float(np.sum(reached) - away))

@@ -122,3 +122,18 @@ def rotation_group(thetas: FloatArray) -> FloatArray:
                 " must be parts of a turn, such as 3.14159265"
             )
     return np.array(group)
+
+
+def turn_about_z(angle: float) -> FloatArray:
+    """Returns the matrix of a turn about z by an angle in radians, shape (3, 3)."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def angle_about_z(R: FloatArray) -> float:
+    """Returns the angle of the turn about z that is nearest to a rotation, in radians.
+
+    Args:
+        R: Rotation matrix, shape (3, 3).
+    """
+    return math.atan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1])

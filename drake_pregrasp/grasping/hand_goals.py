@@ -44,6 +44,8 @@ class HandGoals:
         v_WL: Velocity of that point, shape (3,), in m/s.
         yaw: Yaw of the palm about z of the approach A, in radians.
         yaw_rate: Rate of change of the yaw, in rad/s.
+        pan: Angle by which A has turned about the vertical, in radians.
+        pan_rate: Rate of change of the pan, in rad/s.
     """
 
     p_WT: FloatArray
@@ -52,6 +54,8 @@ class HandGoals:
     v_WL: FloatArray
     yaw: float
     yaw_rate: float
+    pan: float = 0.0
+    pan_rate: float = 0.0
 
 
 def hand_goals(

@@ -331,7 +331,11 @@ def _hand_and_start(
         incoming = grasp.meeting.wait_at - X_WO @ shape.p_OCoM
     with errors_at("hand.file", f"{file}: "):
         hands = approaching_hands(
-            upright, grasp, surface, waiting, fixed=fixed, X_WB=X_WB, incoming=incoming
+            *(upright, grasp, surface, waiting),
+            fixed=fixed,
+            X_WB=X_WB,
+            incoming=incoming,
+            pans=incoming is None,
         )
     where = ""
     if not (X_LA := hands[0].X_LA).rotation().IsExactlyIdentity():

@@ -41,10 +41,12 @@ class PalmBase(Protocol):
 
     palm_frame: str
 
-    def palm_goal(self, p_WL: FloatArray, yaw: float) -> RigidTransform:
-        """Returns the pose of P over a point L on the palm's axis, turned by a yaw."""
+    def palm_goal(self, p_WL: FloatArray, yaw: float, pan: float) -> RigidTransform:
+        """Returns the pose of P over a point L on the palm's axis, turned by a yaw and a pan."""
 
-    def rest_posture(self, home: FloatArray, p_WL: FloatArray, yaw: float) -> FloatArray:
+    def rest_posture(
+        self, home: FloatArray, p_WL: FloatArray, yaw: float, pan: float
+    ) -> FloatArray:
         """Returns the positions that joints move toward, with fingers as at home, shape (nq,)."""
 
 
@@ -233,16 +235,17 @@ class DifferentialKinematics(LeafSystem):
         V = kernels.goal_velocities(goals, pose, v_last, v_WT_last, self._pace)
         # What follows a goal with a gain lags a steady motion by the time 1/gain, so it aims ahead.
         p_WL, yaw = goals.p_WL + goals.v_WL / GAIN, goals.yaw + goals.yaw_rate / GAIN
+        pan = goals.pan + goals.pan_rate / GAIN
         low, high = self._yaw_range
         yaw = max(low, min(yaw, high))
         if self._palm is not None:
             X_WP = RigidTransform(pose.X_WB[self._palm_body]) @ self._palm.GetFixedPoseInBodyFrame()
             J_WP = point_jacobian(self._carrying * pose.screws, X_WP.translation())
-            V_WP = GAIN * pose_error(X_WP, self._base.palm_goal(p_WL, yaw))
+            V_WP = GAIN * pose_error(X_WP, self._base.palm_goal(p_WL, yaw, pan))
             V_WP[3:] = self._pace.limited(V_WP[None, 3:], (J_WP[3:] @ v_last)[None])[0]
             share = 1.0 if command.fingers_hold.any() else _PALM_SHARE
             J, V = np.concatenate([J, share * J_WP]), np.concatenate([V, share * V_WP])
-        v_posture = GAIN * (self._base.rest_posture(self._home, p_WL, yaw) - q)
+        v_posture = GAIN * (self._base.rest_posture(self._home, p_WL, yaw, pan) - q)
         clear = self._scene.clearances(placed, pose, command, self._rate)
         return kernels.next_velocities(q, v_last, J, V, v_posture, self._limits, clear)
 

@@ -15,7 +15,7 @@ from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.hand_description import Fingertip
 from drake_pregrasp.config.object_config import GRAVITY
 from drake_pregrasp.config.validation import checked
-from drake_pregrasp.geometry.rotations import skew
+from drake_pregrasp.geometry.rotations import angle_about_z, skew, turn_about_z
 from drake_pregrasp.geometry.solids import SignedDistance
 from drake_pregrasp.grasping.fingertip_paths import Pace
 from drake_pregrasp.grasping.grasp_phases import GraspView, next_state
@@ -142,6 +142,8 @@ class GraspSequencer(LeafSystem):
         stiffness: Horizontal stiffness of the fingertips, or of each, shape (n,), in N/m.
         least_stiffness: Their least stiffness over all directions, as for `stiffness`.
         palm_axis: Unit vector from the object to the palm in W, shape (3,).
+        R_WO: Orientation of the object at which that is so, shape (3, 3): the axis turns from there
+            about the vertical with G. None: it does not turn.
         gravity: Acceleration of the object along -z of W until the hand stops it, in m/s²: 0 for
             one that something carries.
 
@@ -161,6 +163,7 @@ class GraspSequencer(LeafSystem):
         stiffness: float | FloatArray = 400.0,
         least_stiffness: float | FloatArray = 400.0,
         palm_axis: FloatArray = _UP,
+        R_WO: FloatArray | None = None,
         gravity: float = 0.0,
     ) -> None:
         super().__init__()
@@ -169,6 +172,7 @@ class GraspSequencer(LeafSystem):
         self._config, self._mass, self._p_OCoM = config, mass, np.array(p_OCoM)
         self._settings = config.make_settings(fingertips)
         self._palm_axis, self._lift_axis = palm_axis, config.lift_axis
+        self._R_OW = None if R_WO is None else R_WO.T
         self._in_air, self._fall = gravity > 0, -gravity * _UP
         self._solid, self._efforts = object_solid, np.empty(0) if efforts is None else efforts
         self._pace = Pace(config.goal_speed, config.tip_acceleration, config.period)
@@ -222,6 +226,11 @@ class GraspSequencer(LeafSystem):
         state: GraspState = self._grasp.Eval(context)
         return state
 
+    def _palm_axis_at(self, R_WG: FloatArray) -> FloatArray:
+        if self._R_OW is None:
+            return self._palm_axis
+        return turn_about_z(angle_about_z(R_WG @ self._R_OW)) @ self._palm_axis
+
     def _calc_grasp(self, context: Context) -> GraspState:
         return self._unpack(context.get_discrete_state(self._state).value())
 
@@ -235,7 +244,7 @@ class GraspSequencer(LeafSystem):
         (R_WG, p_WG), V_WG = corrected_pose(R_WO, p_WO, self._p_OCoM, offset), V_WO
         if memory.is_gripped:
             R_WG, p_WG, V_WG = self._held.frame(context)
-        axis = self._lift_axis if state.share > 0 else self._palm_axis
+        axis = self._lift_axis if state.share > 0 else self._palm_axis_at(R_WG)
         raised, rising = state.height.value(time), state.height.rate(time + self._config.period / 2)
         standoffs = state.standoffs
         if state.phase == GraspPhase.APPROACH:

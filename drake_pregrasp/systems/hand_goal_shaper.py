@@ -1,6 +1,8 @@
 """Goals of fingertips and palm that a hand can follow without collisions, from contact goals."""
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -15,6 +17,7 @@ from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.fast import default_kernels
 from drake_pregrasp.fast.kernels import HandKernels
+from drake_pregrasp.geometry.rotations import angle_about_z, turn_about_z
 from drake_pregrasp.geometry.solids import PlacedSolid, SignedDistance, Solid
 from drake_pregrasp.grasping.fingertip_paths import (
     MOVING_CLEARANCE,
@@ -27,7 +30,7 @@ from drake_pregrasp.grasping.hand_commands import GraspCommand
 from drake_pregrasp.grasping.hand_goals import HandGoals, PalmAxis
 from drake_pregrasp.regions.obstacles import ANYWHERE
 from drake_pregrasp.systems import ports
-from drake_pregrasp.systems.palm_frames import FROM_ABOVE, reach_frame, turned_frame
+from drake_pregrasp.systems.palm_frames import FROM_ABOVE, panned, reach_frame, turned_frame
 
 GOAL_SHARE = 0.5
 """Share of `tip_acceleration` for the motion over the object, which may itself accelerate."""
@@ -112,6 +115,8 @@ class HandGoalShaper(LeafSystem):
         X_LA: Approach of the palm; see `HandModel`. Fingers go around z of A, and withdraw along
             it.
         p_OCoM: Centre of mass of the object in O, shape (3,), in metres; by default the origin.
+        R_WO: Orientation of the object at which A is that of `X_LA`, shape (3, 3): A turns from
+            there about the vertical with G. None: A does not turn.
         kernels: Implementation of `straight_step` and `hand_goals`; that of `default_kernels` by
             default.
 
@@ -137,6 +142,7 @@ class HandGoalShaper(LeafSystem):
         lead: float = 0.0,
         X_LA: RigidTransform = FROM_ABOVE,
         p_OCoM: FloatArray | None = None,
+        R_WO: FloatArray | None = None,
         kernels: HandKernels | None = None,
     ) -> None:
         super().__init__()
@@ -162,6 +168,7 @@ class HandGoalShaper(LeafSystem):
             withdrawn_radii=withdrawn_radii,
         )
         self._X_LA, X_AL = X_LA, X_LA.inverse()
+        self._R_OW = R_WO if R_WO is None else R_WO.T
         self._axis = PalmAxis(
             R_AL=np.array(X_AL.rotation().matrix(), order="C"),
             p_AL=np.array(X_AL.translation()),
@@ -183,6 +190,7 @@ class HandGoalShaper(LeafSystem):
         self._tips = self.DeclareDiscreteState(p_GT.ravel())
         self._rates = self.DeclareDiscreteState(p_GT.size)
         self._yaw = self.DeclareDiscreteState([yaw])
+        self._pan = self.DeclareDiscreteState([0.0])
         # Before the first tick there are no contacts: fingertips stay, and no finger is active.
         frames = self._places.first_contacts(p_GT, standoff)
         contacts = np.concatenate([*frames, np.zeros(len(p_GT))], axis=None)
@@ -224,6 +232,7 @@ class HandGoalShaper(LeafSystem):
         """Moves the goals over the object, and shifts contacts where fingertips have no room."""
         goals: HandGoals = self._goals.Eval(context)
         discrete_state.set_value(self._yaw, [goals.yaw])
+        discrete_state.set_value(self._pan, [goals.pan])
         command: GraspCommand = self._command.Eval(context)
         held, n = command.holds_contacts, len(self._radius)
         stored = context.get_discrete_state(self._contacts if held else self._targeted).value()
@@ -238,7 +247,7 @@ class HandGoalShaper(LeafSystem):
             return
         goal = p_OC + (self._radius + gaps)[:, None] * nhat
         if not active.all():
-            R_AG, p_AG = self._approach(command)
+            R_AG, p_AG = self._approach(command, goals.pan)
             top = self._object.highest(R_AG[2]) + p_AG[2]
             withdrawn = (self._places.withdrawn(goals.yaw, float(top)) - p_AG) @ R_AG
             goal = np.where(active[:, None], goal, withdrawn)
@@ -253,7 +262,9 @@ class HandGoalShaper(LeafSystem):
         moved, contacts = self._kernels.straight_step(p_GT, v_GT, goal, self._pace, room), stored
         is_straight = moved is not None
         if moved is None:
-            moved, shift = self._detour(p_GT, v_GT, goal, room, command, active[:, None] * nhat)
+            moved, shift = self._detour(
+                p_GT, v_GT, goal, room, command, active[:, None] * nhat, goals.pan
+            )
             contacts = np.concatenate([p_OC + shift, nhat, active], axis=None)
         if not held:
             discrete_state.set_value(self._contacts, contacts)
@@ -273,6 +284,7 @@ class HandGoalShaper(LeafSystem):
         room: TipRoom,
         command: GraspCommand,
         nhat: FloatArray,
+        pan: float,
     ) -> tuple[FloatArray, FloatArray]:
         """Returns the next goals, and shifts of contacts along the surface, in G, shape (n, 3).
 
@@ -286,9 +298,10 @@ class HandGoalShaper(LeafSystem):
             command: Command of the grasp's phase; contacts that it holds are not shifted.
             nhat: Outward unit normals at the contacts in G, zeros where a finger has none, shape
                 (n, 3).
+            pan: Angle by which A has turned about the vertical, in radians.
         """
         # Paths are planned in the frame A of the approach, in which the palm's axis is z.
-        R_AG, p_AG = self._approach(command)
+        R_AG, p_AG = self._approach(command, pan)
         goal, held = goal @ R_AG.T + p_AG, command.holds_contacts
         room, shift = room.moved(R_AG, p_AG).with_room_at(goal), np.zeros(nhat.shape)
         p_AT, v_AT = p_GT @ R_AG.T + p_AG, v_GT @ R_AG.T
@@ -302,9 +315,9 @@ class HandGoalShaper(LeafSystem):
             goal = goal + shift @ R_AG.T
         return (shape_goals(p_AT, v_AT, goal, self._pace, room) - p_AG) @ R_AG, shift
 
-    def _approach(self, command: GraspCommand) -> tuple[FloatArray, FloatArray]:
+    def _approach(self, command: GraspCommand, pan: float) -> tuple[FloatArray, FloatArray]:
         """Returns orientation and position of G in the frame A of the approach."""
-        R_AG = self._axis.R_AL @ command.R_WG
+        R_AG = self._axis.R_AL @ turn_about_z(pan).T @ command.R_WG
         return R_AG, self._axis.p_AL - R_AG @ self._axis.p_OCoM
 
     def _stored(self, context: Context) -> tuple[FloatArray, FloatArray, float]:
@@ -318,19 +331,31 @@ class HandGoalShaper(LeafSystem):
     def _calc_goals(self, context: Context) -> HandGoals:
         command: GraspCommand = self._command.Eval(context)
         p_GT, v_GT, yaw = self._stored(context)
-        yaw += self._pace.period * float(self._axis.R_AL[2] @ command.V_WG[0])
-        return self._kernels.hand_goals(self._axis, command, p_GT, v_GT, yaw, self._lead)
+        axis, pan = self._axis, self._stored_pan(context)
+        if self._R_OW is not None:
+            heading = angle_about_z(command.R_WG @ self._R_OW)
+            pan += math.remainder(heading - pan, 2 * math.pi)
+            axis = replace(axis, R_AL=axis.R_AL @ turn_about_z(pan).T)
+        yaw += self._pace.period * float(axis.R_AL[2] @ command.V_WG[0])
+        goals = self._kernels.hand_goals(axis, command, p_GT, v_GT, yaw, self._lead)
+        if self._R_OW is None:
+            return goals
+        return replace(goals, pan=pan, pan_rate=float(command.V_WG[0, 2]))
 
-    def _palm(self, context: Context) -> tuple[FloatArray, float]:
-        """Returns the centre of mass of the object in W, and the palm's yaw as of the last tick."""
+    def _palm(self, context: Context) -> tuple[FloatArray, float, RigidTransform]:
+        """Returns the object's centre of mass in W, and the last tick's yaw and approach X_LA."""
         command: GraspCommand = self._command.Eval(context)
         yaw = float(context.get_discrete_state(self._yaw).value()[0])
-        return command.p_WO + command.R_WO @ self._axis.p_OCoM, yaw
+        X_LA = panned(self._X_LA, self._stored_pan(context))
+        return command.p_WO + command.R_WO @ self._axis.p_OCoM, yaw, X_LA
 
     def _calc_X_WH(self, context: Context) -> RigidTransform:
-        p_WCoM, yaw = self._palm(context)
-        return reach_frame(p_WCoM, yaw, self._axis.yaw_range, self._X_LA)
+        p_WCoM, yaw, X_LA = self._palm(context)
+        return reach_frame(p_WCoM, yaw, self._axis.yaw_range, X_LA)
 
     def _calc_X_WU(self, context: Context) -> RigidTransform:
-        p_WCoM, yaw = self._palm(context)
-        return turned_frame(p_WCoM, self._X_LA, yaw)
+        p_WCoM, yaw, X_LA = self._palm(context)
+        return turned_frame(p_WCoM, X_LA, yaw)
+
+    def _stored_pan(self, context: Context) -> float:
+        return float(context.get_discrete_state(self._pan).value()[0])

@@ -9,6 +9,11 @@ FROM_ABOVE = RigidTransform()
 """Approach of a palm from above; see `HandModel`."""
 
 
+def panned(X_LA: RigidTransform, pan: float) -> RigidTransform:
+    """Returns an approach that is turned about the vertical by an angle in radians."""
+    return RigidTransform(RotationMatrix.MakeZRotation(pan), np.zeros(3)) @ X_LA
+
+
 def pose_error(X_WP: RigidTransform, X_WD: RigidTransform) -> FloatArray:
     """Returns the rotation vector and the translation from pose P to pose D in W, shape (6,)."""
     turn = RotationMatrix(X_WD.rotation() @ X_WP.rotation().inverse()).ToAngleAxis()

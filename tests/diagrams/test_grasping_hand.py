@@ -280,6 +280,30 @@ def test_given_contacts_choose_the_side_as_well_and_are_refused_where_no_palm_fi
 
 
 @pytest.mark.slow
+def test_a_palm_from_the_side_stays_before_the_side_of_an_object_that_turns():
+    box = f"object: !Box {{size: [0.05, 0.08, 0.24], mass: 0.3}}, {COARSE}"
+    resolved = scenario_of(box, "side", "linear_velocity: 0.02, angular_velocity: 0.5")
+    diagram = dp.make_diagram(resolved)
+    simulator = Simulator(diagram)
+    planner = diagram.GetSubsystemByName("pregrasp_planner")
+    plant, palms = diagram.GetSubsystemByName("object_plant").GetSubsystemByName("plant"), []
+    for time in (1.5, 3.0):
+        simulator.AdvanceTo(time)
+        context = plant.GetMyContextFromRoot(simulator.get_context())
+        X_WO = plant.GetBodyByName("object").EvalPoseInWorld(context)
+        palms.append(X_WO.inverse() @ plant.GetBodyByName("palm").EvalPoseInWorld(context))
+    assert RollPitchYaw(X_WO.rotation()).yaw_angle() == pytest.approx(1.5, abs=0.05)
+    assert palms[1].IsNearlyEqualTo(palms[0], 0.03)
+    controller = diagram.GetSubsystemByName("hand_controller")
+    controlling = controller.GetMyContextFromRoot(simulator.get_context())
+    X_WU, X_WP = controller.GetOutputPort("X_WU").Eval(controlling), X_WO @ palms[1]
+    assert X_WP.rotation().col(2) @ X_WU.rotation().col(2) > np.cos(0.03)
+    planning = planner.GetMyContextFromRoot(simulator.get_context())
+    status = planner.GetOutputPort("contact_status").Eval(planning)
+    assert np.all(status[resolved.start.has_contact] > 0)
+
+
+@pytest.mark.slow
 def test_it_comes_from_above_where_that_is_better():
     assert scenario_of(COARSE, "side, above").hand.X_LA.IsExactlyIdentity()
 

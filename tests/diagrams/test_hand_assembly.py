@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from five_finger_hand import HAND
 from pages import DOCS, blocks
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 
 from drake_pregrasp import HandDescription, HandModel, InvalidArgumentError, load_hand
@@ -50,6 +51,23 @@ def test_axes_come_first_and_each_joint_has_its_drive(gripper):
     indices = hand.plant.GetJointIndices(hand.frames[0].model_instance())
     joints = [hand.plant.get_joint(index) for index in indices]
     assert not any(joint.default_damping_vector().any() for joint in joints)
+
+
+@pytest.mark.parametrize("name", ["five_finger_hand", "allegro_hand"])
+def test_a_hand_that_pans_turns_about_the_vertical_as_its_palm_would(name):
+    """Both of a hand whose model has its axes, and of one that gets them."""
+    description = load_hand(f"package://drake_pregrasp/{name}.yaml")
+    X_LA = RigidTransform(RotationMatrix.MakeYRotation(np.pi / 2), [0.0, 0.0, 0.1])
+    still, hand = (HandModel(description, X_LA=X_LA, pans=pans) for pans in (False, True))
+    assert hand.kinematics.num_positions == still.kinematics.num_positions + 1
+    p_WL, yaw, pan = np.array([0.3, -0.2, 0.1]), 0.4, 0.9
+    turn = RotationMatrix.MakeZRotation(pan)
+    q = hand.base.rest_posture(hand.fingers_home, p_WL, yaw, pan)
+    before = still.base.rest_posture(still.fingers_home, turn.inverse() @ p_WL, yaw)
+    np.testing.assert_allclose(hand.tips_at(q), still.tips_at(before) @ turn.matrix().T, atol=1e-12)
+    goal = hand.base.palm_goal(p_WL, yaw, pan)
+    around = goal.inverse() @ hand.tips_at(q).T
+    np.testing.assert_allclose(around.T, hand.p_HT, atol=1e-9)
 
 
 def test_the_axes_move_a_hand_from_where_it_is_mounted(gripper):

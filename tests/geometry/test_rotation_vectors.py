@@ -5,7 +5,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from drake_pregrasp.geometry.rotations import rotation_matrix, rotation_vector
+from drake_pregrasp.geometry.rotations import (
+    angle_about_z,
+    rotation_matrix,
+    rotation_vector,
+    turn_about_z,
+)
 
 seeds = st.integers(0, 2**32 - 1)
 angles = st.one_of(
@@ -49,3 +54,10 @@ def test_the_left_jacobian_is_the_derivative(seed, angle):
         after, before = (Rotation.from_rotvec(theta + s * axis) for s in (step, -step))
         difference = (after * before.inv()).as_rotvec() / (2 * step)
         np.testing.assert_allclose(J @ axis, difference, rtol=0, atol=1e-9)
+
+
+@given(st.floats(-np.pi, np.pi), st.floats(0, 3.0), st.floats(-np.pi, np.pi))
+def test_a_tilt_leaves_the_angle_about_z(angle, tilt, azimuth):
+    tilting = Rotation.from_rotvec(tilt * np.array([np.cos(azimuth), np.sin(azimuth), 0.0]))
+    found = angle_about_z(tilting.as_matrix() @ turn_about_z(angle))
+    np.testing.assert_allclose(turn_about_z(found), turn_about_z(angle), atol=1e-9)

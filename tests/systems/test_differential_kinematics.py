@@ -390,10 +390,10 @@ class ArmOfAxes:
         plant.SetPositions(context, HOME)
         self.X_LP = RigidTransform(-P_WO) @ plant.GetFrameByName("palm").CalcPoseInWorld(context)
 
-    def rest_posture(self, home, p_WL, yaw):
+    def rest_posture(self, home, p_WL, yaw, pan):
         return HOME
 
-    def palm_goal(self, p_WL, yaw):
+    def palm_goal(self, p_WL, yaw, pan):
         self.yaw = yaw
         turn = RigidTransform(RotationMatrix.MakeZRotation(yaw), np.zeros(3))
         return RigidTransform(p_WL) @ turn @ self.X_LP
