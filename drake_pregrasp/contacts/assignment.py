@@ -111,7 +111,8 @@ def palm_turn(
     It minimises the sum of squared distances between goals and fingertips at their own azimuths, at
     any common radius: a goal counts in proportion to its distance from the palm's axis, near which
     its azimuth means nothing. Otherwise a goal near the axis, such as one inside a bowl, would turn
-    the palm, the reach with it, and the goals with the reach, without end.
+    the palm, the reach with it, and the goals with the reach, without end. A palm with slack turns
+    only as far as it must to be within its slack of that yaw.
 
     Args:
         p_GT: Goals of the fingertips relative to the palm's axis z, shape (n, 3), in metres.
@@ -121,8 +122,8 @@ def palm_turn(
         slack: Angle by which the last yaw may be off before the palm turns, in radians.
     """
     yaw = cmath.phase(np.vdot(np.exp(1j * finger_azimuths), p_GT[:, 0] + 1j * p_GT[:, 1]))
-    turn = math.remainder(yaw - before, 2 * math.pi)
     low, high = yaw_range
+    turn = max(low, min(before + math.remainder(yaw - before, 2 * math.pi), high)) - before
     return max(low, min(before + turn - max(-slack, min(turn, slack)), high))
 
 

@@ -85,7 +85,7 @@ class StartContacts:
         yaw: Yaw of the palm, in radians.
         margin: Min-weight margin of force closure of the fingers that take part.
         score: What the choice maximizes: the margin, with strength, fingers and comfort.
-        yaw_slack: Angle by which the yaw is off that of `palm_turn` at the contacts, in radians.
+        yaw_slack: Angle by which the yaw is off that of `palm_turn` without slack, in radians.
     """
 
     p_OC: FloatArray

@@ -125,9 +125,10 @@ def check_carrier(
         inside = np.clip(positions[:, index], *travel)
         if np.any(beyond := inside != positions[:, index]):
             late = int(np.argmax(beyond))
+            farthest = positions[np.argmax(np.abs(positions[:, index] - inside)), index]
             raise InvalidArgumentError(
                 f"at {times[late]:.3g} s the object leaves the carrier's travel: joint {name} ends"
-                f" at {inside[late]:.3g} {unit}, and would have to go to {positions[-1, index]:.3g}"
+                f" at {inside[late]:.3g} {unit}, and would have to go to {farthest:.3g}"
                 f" {unit} until the hand has gripped, at {end:.3g} s; let it close earlier"
             )
 

@@ -92,7 +92,7 @@ class HandController(Diagram):
         kernels: Implementation of the kinematics; that of `default_kernels` by default.
         yaw: Initial yaw of the palm about z of its approach, in radians; by default that of
             `palm_turn` at the initial contacts.
-        yaw_slack: Angle by which the yaw may be off that of `palm_turn` before the palm turns, in
+        yaw_slack: The slack of `palm_turn`, by which the yaw may be off before the palm turns, in
             radians.
 
     Raises:
@@ -201,6 +201,7 @@ class HandController(Diagram):
             InterceptionPlanner(
                 meeting,
                 R_AW=R_LA.T,
+                R_WO=turns_from,
                 p_OCoM=p_OCoM,
                 p_WL=X_WG @ p_OCoM,
                 commitment=settings.closing_duration,

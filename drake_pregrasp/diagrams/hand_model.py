@@ -46,7 +46,7 @@ class HandModel:
         extent: Largest distance of contacts from the object's centre of mass, in metres, for
             `HomeFingers.measures`. The smaller it is, the finer they are.
         pans: Whether a joint turns a carrier with B about z of W, so that a palm from the side
-            turns with the object. B must then have the origin of W.
+            turns with the object; not for arms.
 
     Attributes:
         description: Description of the hand.

@@ -29,7 +29,7 @@ JOINT_KINDS = ("prismatic", "prismatic", "prismatic", "revolute")
 WRIST = 3
 """Index of the yaw among a carrier's joints, behind the slides."""
 
-PAN = "pan"
+PAN = "carrier_pan"
 """Name of the joint that turns a carrier from the side about the vertical."""
 
 

@@ -199,6 +199,7 @@ def write_hand_goals(  # type: ignore[no-untyped-def]
         palm[0, k] = p_WG[k] + to_mass[k]
     turn = math.atan2(across, along) - yaw
     turn -= 2 * math.pi * np.rint(turn / (2 * math.pi))
+    turn = max(low, min(yaw + turn, high)) - yaw
     turn -= max(-slack, min(turn, slack))
     rate = R_AL[2, 0] * w[0] + R_AL[2, 1] * w[1] + R_AL[2, 2] * w[2]
     return max(low, min(yaw + turn, high)), rate

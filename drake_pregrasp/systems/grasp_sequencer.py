@@ -142,8 +142,8 @@ class GraspSequencer(LeafSystem):
         stiffness: Horizontal stiffness of the fingertips, or of each, shape (n,), in N/m.
         least_stiffness: Their least stiffness over all directions, as for `stiffness`.
         palm_axis: Unit vector from the object to the palm in W, shape (3,).
-        R_WO: Orientation of the object at which that is so, shape (3, 3): the axis turns from there
-            about the vertical with G. None: it does not turn.
+        R_WO: Orientation of the object at which `palm_axis` holds, shape (3, 3): the axis turns
+            from there about the vertical with G. None: it does not turn.
         gravity: Acceleration of the object along -z of W until the hand stops it, in m/s²: 0 for
             one that something carries.
 

@@ -109,7 +109,7 @@ class HandGoalShaper(LeafSystem):
             ticks contact goals do not change in O.
         yaw: Initial yaw of the palm, in radians.
         yaw_range: Smallest and largest angle of the palm, in radians.
-        yaw_slack: Angle by which the yaw may be off that of `palm_turn` before the palm turns, in
+        yaw_slack: The slack of `palm_turn`, by which the yaw may be off before the palm turns, in
             radians.
         lead: Seconds by which fingertip goals are ahead: the delay of the system that follows them.
         X_LA: Approach of the palm; see `HandModel`. Fingers go around z of A, and withdraw along

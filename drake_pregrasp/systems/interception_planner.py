@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 from drake_pregrasp.arrays import FloatArray, are_valid, pack, unpacker
 from drake_pregrasp.fast import default_kernels
 from drake_pregrasp.fast.kernels import HandKernels
-from drake_pregrasp.geometry.rotations import skew
+from drake_pregrasp.geometry.rotations import angle_about_z, skew, turn_about_z
 from drake_pregrasp.grasping.catch_limits import CatchLimit
 from drake_pregrasp.grasping.grasp_state import GraspPhase
 from drake_pregrasp.grasping.interception import MeetingSettings, rest_limit
@@ -74,6 +74,8 @@ class InterceptionPlanner(LeafSystem):
     Args:
         settings: Settings of the interception.
         R_AW: Orientation of W in the approach A of the palm, shape (3, 3).
+        R_WO: Orientation of the object at which A is that of `R_AW`, shape (3, 3): A turns from
+            there about the vertical with the estimated object. None: A does not turn.
         p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
         p_WL: Initial place of the palm's axis in W, shape (3,), in metres.
         commitment: Seconds before the meeting from which on it stays while it is possible; at
@@ -93,11 +95,13 @@ class InterceptionPlanner(LeafSystem):
         commitment: float,
         predicts: bool,
         period: float,
+        R_WO: FloatArray | None = None,
         kernels: HandKernels | None = None,
     ) -> None:
         super().__init__()
         self._choose_meeting = (kernels or default_kernels().hand()).choose_meeting
         self._settings, self._R_AW, self._p_OCoM = settings, R_AW, np.array(p_OCoM)
+        self._R_OW = None if R_WO is None else R_WO.T
         self._commitment, self._predicts, self._period = commitment, predicts, period
         first = Meeting.at_rest(R_AW @ p_WL)
         self._unpack = unpacker(first)
@@ -123,13 +127,20 @@ class InterceptionPlanner(LeafSystem):
     def _calc_meeting(self, context: Context) -> Meeting:
         return self._unpack(context.get_discrete_state(self._plan).value())
 
+    def _R_AW_now(self, context: Context) -> FloatArray:
+        """Returns the orientation of W in A, which turns with the estimated object if it turns."""
+        if self._R_OW is None:
+            return self._R_AW
+        heading = angle_about_z(self._pose.eval(context)[1] @ self._R_OW)
+        return self._R_AW @ turn_about_z(heading).T
+
     def _calc_motion(self, context: Context) -> FloatArray:
         """Returns position, velocity and acceleration of the centre of mass, shape (3, 3)."""
         _, R_WO, p_WO, _ = self._pose.eval(context)
         w_WO, v_WO = ports.validated_velocity(self._V_WO.Eval(context))
         p_OCoM_W = R_WO @ self._p_OCoM
         motion = np.array([p_WO + p_OCoM_W, v_WO + skew(w_WO) @ p_OCoM_W, np.zeros(3)])
-        motion = motion @ self._R_AW.T
+        motion = motion @ self._R_AW_now(context).T
         motion[2] = self._settings.gravity
         return motion if self._predicts else motion * [[1.0], [0.0], [0.0]]
 
@@ -148,7 +159,8 @@ class InterceptionPlanner(LeafSystem):
         v = (self._palm(context, self._period)[0] - x) / self._period
         is_tracked = self._pose.eval(context).is_tracked
         time = plan.time if plan.meets and is_tracked else np.inf
-        return np.concatenate([[time], x @ self._R_AW, v @ self._R_AW])
+        R_AW = self._R_AW_now(context)
+        return np.concatenate([[time], x @ R_AW, v @ R_AW])
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         self._pose.store(context, discrete_state)
@@ -158,10 +170,11 @@ class InterceptionPlanner(LeafSystem):
             certificate = np.append(float(limit), np.full(4, np.nan))
             if limit == CatchLimit.NONE:
                 there = moved(self._motion.Eval(context), plan.time - context.get_time())[0]
-                certificate[1:] = plan.time, *(there @ self._R_AW)
+                certificate[1:] = plan.time, *(there @ self._R_AW_now(context))
         else:
             X_WG: RigidTransform = self._X_WG.Eval(context)
-            away = self._R_AW @ (X_WG @ self._p_OCoM) - self._motion.Eval(context)[0]
+            place = self._R_AW_now(context) @ (X_WG @ self._p_OCoM)
+            away = place - self._motion.Eval(context)[0]
             plan = Meeting.above(float(away[2]) if are_valid(away) else 0.0)
             certificate = context.get_discrete_state(self._certificate).value().copy()
             if phase in (GraspPhase.TRACK, GraspPhase.CLOSE):

@@ -165,13 +165,16 @@ def test_a_goal_near_the_axis_does_not_turn_the_palm():
     )
 
 
-@given(st.floats(-3.0, 3.0), st.floats(0.0, 1.0), st.floats(-1.0, 0.0), st.floats(0.0, 1.0))
-def test_a_palm_with_slack_turns_no_farther_than_it_must(before, slack, low, high):
+@given(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5), st.floats(0.0, 1.0), st.floats(0.1, 2.0))
+@example(before=0.9, goal=1.4, slack=0.2, high=1.0)  # The range leaves less than the slack.
+def test_a_palm_with_slack_turns_no_farther_than_it_must(before, goal, slack, high):
     azimuths = np.array([0.6, 0.0, -0.6, np.pi])
-    goals = 0.08 * np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros(4)], axis=1)
-    nearest = before if abs(before) <= slack else np.copysign(slack, before)
-    found = palm_turn(goals, azimuths, before, (low, high), slack)
-    assert found == pytest.approx(np.clip(nearest, low, high), abs=1e-9)
+    turned = azimuths + goal
+    goals = 0.08 * np.stack([np.cos(turned), np.sin(turned), np.zeros(4)], axis=1)
+    before, target = np.clip([before, goal], -high, high)
+    expected = np.clip(before, target - slack, target + slack)
+    found = palm_turn(goals, azimuths, before, (-high, high), slack)
+    assert found == pytest.approx(expected, abs=1e-9)
 
 
 ENDS = ["+z", "-z"]

@@ -104,12 +104,13 @@ def make_sequencer(config=None, object_solid=None, p_OCoM=(0.0, 0.0, 0.0), **cha
     )
 
 
-def make_interception(p_WL=(0.3, -0.2, 0.25), **changes):
+def make_interception(p_WL=(0.3, -0.2, 0.25), R_AW=None, R_WO=None, **changes):
     ball, upright, place = dp.BallSolid(np.zeros(3), 0.05), np.eye(3), np.array(p_WL)
     q, config = HAND.home(place, 0.0), dp.GraspConfig(**changes)
     return InterceptionPlanner(
         meeting_settings(config, HAND, q, ball, 0.4, np.zeros(3), upright, 0.0, 1e-6),
-        R_AW=upright,
+        R_AW=upright if R_AW is None else R_AW,
+        R_WO=R_WO,
         p_OCoM=np.zeros(3),
         p_WL=place,
         commitment=SETTINGS.closing_duration,

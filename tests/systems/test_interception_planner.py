@@ -34,7 +34,7 @@ class Belt:
             X_WG=RigidTransform(HOME),
             grasp_report=np.zeros(4),
         )
-        self.time = 0.0
+        self.time, self.turned = 0.0, RotationMatrix()
 
     def play(self, seconds):
         """Times, places and velocities of the palm, and certificates, at each tick."""
@@ -42,7 +42,7 @@ class Belt:
         for _ in range(round(seconds / CONTROL_PERIOD)):
             jump, drift = self.random.normal(0, self.noise, (2, 3))
             self.hand.fix(
-                X_WO_estimated=RigidTransform(self.place() + jump),
+                X_WO_estimated=RigidTransform(self.turned, self.place() + jump),
                 V_WO_estimated=SpatialVelocity(np.zeros(3), self.v + drift),
             )
             rows.append(
@@ -175,6 +175,19 @@ def test_a_hand_that_approaches_again_starts_where_it_is_and_follows_the_object_
     np.testing.assert_allclose(approach[0, 4:], BELT, atol=1e-9)
     np.testing.assert_allclose(approach[0, 3], START[2] + 0.15)
     assert approach[1, 0] < np.inf
+
+
+@pytest.mark.parametrize("turn", [0.0, 1.0, 2.0])
+def test_a_palm_from_the_side_approaches_again_along_its_axis_which_has_turned(turn):
+    R_LA = RotationMatrix.MakeYRotation(np.pi / 2)  # z of A is x of W at the start.
+    belt = Belt(np.zeros(3), R_AW=R_LA.matrix().T, R_WO=np.eye(3))
+    belt.turned = RotationMatrix.MakeZRotation(turn)
+    back = belt.place() + 0.15 * belt.turned.col(0)
+    belt.hand.fix(grasp_report=[GraspPhase.BACK_OFF, 0, 0, 0], X_WG=RigidTransform(back))
+    belt.play(3 * CONTROL_PERIOD)
+    belt.hand.fix(grasp_report=np.zeros(4))
+    _, approach, _ = belt.play(0.04)
+    np.testing.assert_allclose(approach[0, 1:4], back, atol=1e-9)
 
 
 @pytest.mark.parametrize("degrees", [0, 30, 180])
