@@ -47,10 +47,10 @@ def choose_start_contacts(
     others. For the best yaws the palm turns with the contacts until they are in reach there, and
     the exact margins decide. A finger stays away if it has no room or lowers the margin; the palm
     then turns with the others. If this leads to no grasp from any yaw, the palm keeps its yaw,
-    unless its contacts would turn it far. Lower places are preferred if a finger nearly tips
-    the object. Places at the edge of reach and under parts of the object cost more, unless this
-    leaves no grasp. Then all other yaws are tried, too, if the best ones have none. If a finger did
-    not get there with its joints, or touched the object with another link before its tip, all such
+    unless its contacts would turn it far. Lower places are preferred if a finger nearly tips the
+    object. Places at the edge of reach and under parts of the object cost more, unless this leaves
+    no grasp. Then all other yaws are tried, too, if the best ones have none. If a finger did not
+    get there with its joints, or touched the object with another link before its tip, all such
     contacts are left out.
 
     Args:

@@ -62,9 +62,8 @@ class PalmCarrier:
         p_WB: FloatArray,
         pans: bool = False,
     ) -> None:
-        joints = _base_joints(hand, config.joints)
-        if pans:
-            joints.append(hand.joint(PAN, "base.joints"))
+        axes = _base_joints(hand, config.joints)
+        joints = [*axes, hand.joint(PAN, "base.joints")] if pans else axes
         self.joints, self.palm_frame = [joint.position_start() for joint in joints], ""
         self.names = [joint.name() for joint in joints]
         self._X_LA, self.X_AW = X_LA, X_LA.inverse()
@@ -72,7 +71,7 @@ class PalmCarrier:
         self._R_AL = self.X_AW.rotation().matrix()
         self.p_AL: FloatArray = self._R_AL @ (X_LA.translation() - p_WB)
         self.p_AL[2] += config.palm_height
-        for joint, expected in zip(joints, JOINT_KINDS, strict=False):
+        for joint, expected in zip(axes, JOINT_KINDS, strict=True):
             if (kind := joint.type_name()) != expected:
                 raise InvalidArgumentError(
                     f"base.joints: {joint.name()} is {kind}; three prismatic joints along x, y and"
