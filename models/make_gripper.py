@@ -59,7 +59,7 @@ TIP = """\
       size: [0.06, 0.06, 0.10]
       center: [{x}, 0.0, 0.03]
       direction: [{side}, 0.0, 0.0]
-      incidence: 0.2
+      incidence: 0.4
     closing: {{force: 35.0}}
 """
 PART = """      <{kind} name="{name}">

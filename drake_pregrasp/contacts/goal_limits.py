@@ -102,14 +102,15 @@ def follow_pairs(
     for pair in pairs:
         a, b = both = [pair.first, pair.second]
         members = selection.regions.members(b)
+        axis = selection.regions.constraints.hand_axis(a)
         for _ in range(_ROUNDS if len(members) else 0):
-            if pair.error(p_OC, normals) <= pair.tolerance / 2:
+            if pair.error(p_OC, normals, axis) <= pair.tolerance / 2:
                 break
-            place = pair.place(p_OC[a], normals[a], p_OC[b], normals[b])
+            place = pair.place(p_OC[a], normals[a], p_OC[b], normals[b], axis)
             p_OC[[b]], normals[[b]] = surface.project_into(place[None], [members])
-        allowed = max(pair.tolerance, pair.error(p_OC_before, normals_before))
+        allowed = max(pair.tolerance, pair.error(p_OC_before, normals_before, axis))
         too_far = np.linalg.norm(p_OC[b] - p_OC_before[b]) > max_step * (1 + ROUNDING)
-        if pair.error(p_OC, normals) > allowed or too_far:
+        if pair.error(p_OC, normals, axis) > allowed or too_far:
             p_OC[both] = p_OC_before[both]
     return p_OC
 
@@ -214,7 +215,8 @@ def limited_goals(
     guarded, normals = may_stay.copy(), surface.project(p_OC)[1] if pairs else p_OC
     for pair in pairs:  # If one of them has to move, or the second to its place, both may.
         both = [pair.first, pair.second]
-        guarded[both] &= np.all(may_stay[both]) and pair.error(p_OC, normals) <= pair.tolerance
+        off = pair.error(p_OC, normals, regions.constraints.hand_axis(pair.first))
+        guarded[both] &= np.all(may_stay[both]) and off <= pair.tolerance
     if limits.guard is not None:
         groups = groups_of(pairs, len(goals))
         goals = keep_quality(selection, goals, guarded, limits.guard, groups)
@@ -329,7 +331,8 @@ def judged_goals(
                 active[contact], limits[contact], causes[contact] = False, Limit.CROWDED, meets[0]
     normals = selection.surface.project(goals)[1] if contact_limits.pairs else goals
     for pair in contact_limits.pairs:
-        is_off = pair.error(goals, normals) > pair.tolerance
+        axis = constraints.hand_axis(pair.first)
+        is_off = pair.error(goals, normals, axis) > pair.tolerance
         if active[pair.first] and active[pair.second] and is_off:
             for contact, partner in ((pair.first, pair.second), (pair.second, pair.first)):
                 limits[contact], causes[contact] = Limit.PARTNER, partner

@@ -63,7 +63,7 @@ class StartCandidates:
         self.p_OQ, self.nhat_OQ = surface.p_OQ[index], surface.nhat_OQ[index]
         self._p_OCoM, self._up = surface.p_OCoM, hand.R_AO[2]
         between = math.sqrt(surface.mesh.area / max(1, len(index)))  # Distance of neighbours.
-        self.opposite = OppositePoints(self.p_OQ, self.nhat_OQ, between / 2)
+        self.opposite = OppositePoints(self.p_OQ, self.nhat_OQ, between / 2, self._up)
         self._ways = [  # Centres of fingertips at the contact, half-way to the standoff, and there.
             self.p_OQ + (limits.tip_radii[:, None, None] + share * limits.standoff) * self.nhat_OQ
             for share in ALONG

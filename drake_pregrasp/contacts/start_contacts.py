@@ -209,8 +209,11 @@ class _Search:
         return None
 
     def kept(self, trial: _Trial) -> _Trial | None:
-        """Returns a grasp of a trial whose palm keeps its yaw; None if there is none."""
-        if len(trial.fingers) < self._hand.least_fingers:
+        """Returns a grasp of a trial whose palm keeps its yaw; None if there is none.
+
+        There is none for jaws, which reach contacts only on their own line.
+        """
+        if len(trial.fingers) < self._hand.least_fingers or self._hand.pairs:
             return None
         slack = abs(self._turned(trial).trial.yaw - trial.yaw)
         return self._judged(replace(trial, yaw_slack=slack)) if slack <= _SLACK else None
@@ -348,8 +351,8 @@ class _Search:
     def lack(self) -> NoGraspError:
         """Returns what is missing, if there is no grasp."""
         least, friction = self._hand.least_fingers, self._hand.friction
-        points, up = self._candidates.opposite, self._hand.R_AO[2]
-        widths = [points.least_width(pair, up) for pair in self._hand.pairs]
+        points = self._candidates.opposite
+        widths = [points.least_width(pair) for pair in self._hand.pairs]
         if (widest := self._hand.opening) < (width := max(widths, default=0.0)) < np.inf:
             detail = f"the jaws open {1e3 * widest:.3g} mm between their standoffs; the narrowest"
             detail = f"{detail} place between opposite sides is {1e3 * width:.3g} mm wide"

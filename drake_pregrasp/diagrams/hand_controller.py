@@ -174,6 +174,7 @@ class HandController(Diagram):
                 X_LA=hand.X_LA,
                 R_WO=turns_from,
                 p_OCoM=p_OCoM,
+                jaws=hand.description.jaws,
                 kernels=scene.kernels,
             ),
         )

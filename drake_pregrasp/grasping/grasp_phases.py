@@ -291,8 +291,9 @@ def _squeeze(
 
     They are planned anew at each tick, for where the fingertips have settled; the last plan that
     balances the weight counts. A finger that does not press moves in; meanwhile the forces increase
-    slowly, and not to the end. For others the strain of the touch fades, because the planned forces
-    replace it.
+    slowly, and not to the end. One that does not press for long, or that is farther off the surface
+    than it would search for it, has lost the object. For others the strain of the touch fades,
+    because the planned forces replace it.
     """
     if state.share < 1:
         state = _with_plan(state, squeeze(state.active), settings)
@@ -306,8 +307,10 @@ def _squeeze(
         share = min(1.0, state.share + period / settings.squeeze_duration)
         if behind.any():
             longest = settings.squeeze_duration + settings.squeeze_limit
-            if view.time - state.since > longest:
-                return _open(state, view, GiveUp.LOST_TOUCH, float(np.argmax(behind)))
+            is_over = view.time - state.since > longest
+            lost = np.flatnonzero(behind & (is_over | (view.surface_gaps > settings.search)))
+            if len(lost):
+                return _open(state, view, GiveUp.LOST_TOUCH, float(lost[0]))
             slower = state.share + _SLOWER * (share - state.share)
             share = min(slower, max(state.share, _ALMOST))
         return replace(state, share=share, standoffs=standoffs)

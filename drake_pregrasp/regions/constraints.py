@@ -112,8 +112,10 @@ class Obstacles:
 
 
 RADIUS, REACH_SOLID, SECTOR, CLOSED = 0, slice(1, 20), slice(20, 35), slice(35, 41)
+AXIS = slice(23, 26)
 """Parts of a contact's row in `Predicates`: the radius of the fingertip; the solid and the sector
-of its reach (see `reached`); and which faces are closed, in the order of `_FACES`."""
+of its reach (see `reached`), and in the latter the axis of its hand; and which faces are closed, in
+the order of `_FACES`."""
 
 _FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
 
@@ -287,6 +289,16 @@ class RegionConstraints:
     def tip_radius(self, contact: int) -> float:
         """Returns the radius of the fingertip of the contact with that index, in metres."""
         return float(self.tip_radii[contact]) if len(self.tip_radii) else 0.0
+
+    def hand_axis(self, contact: int) -> FloatArray:
+        """Returns the hand's axis in O, a unit vector, shape (3,).
+
+        It is 0 for a contact whose finger has a reach without a direction, or none.
+
+        Args:
+            contact: Index of the contact.
+        """
+        return np.asarray(self.predicates.contacts[contact, AXIS])
 
     @cached_property
     def predicates(self) -> Predicates:

@@ -13,6 +13,7 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.validation import checked
 from drake_pregrasp.contacts.assignment import FREE_TURN
+from drake_pregrasp.contacts.contact_pairs import Pair
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.fast import default_kernels
@@ -75,8 +76,9 @@ class HandGoalShaper(LeafSystem):
 
     Port `contacts` emits a vector of 7n: the contacts that the fingertips go to, in O, in metres,
     one after another, then the outward unit normals there, then for each finger 1 if it is active
-    and else 0, as of the last tick. Where a fingertip has no room, for example close to the table,
-    its contact is shifted along the surface.
+    and else 0, as of the last tick. Jaws do not go to their contacts along the normals, but along
+    the line between them, which stands for these. Where a fingertip has no room, for example close
+    to the table, its contact is shifted along the surface.
 
     Port `p_GT` emits a vector of 3n: the goals in G, as of the last tick, in metres.
 
@@ -117,6 +119,7 @@ class HandGoalShaper(LeafSystem):
         p_OCoM: Centre of mass of the object in O, shape (3,), in metres; by default the origin.
         R_WO: Orientation of the object at which A is that of `X_LA`, shape (3, 3): A turns from
             there about the vertical with G. None: A does not turn.
+        jaws: Pairs of fingers that move across z of A, to contacts opposite each other.
         kernels: Implementation of `straight_step` and `hand_goals`; that of `default_kernels` by
             default.
 
@@ -143,6 +146,7 @@ class HandGoalShaper(LeafSystem):
         X_LA: RigidTransform = FROM_ABOVE,
         p_OCoM: FloatArray | None = None,
         R_WO: FloatArray | None = None,
+        jaws: Sequence[Pair] = (),
         kernels: HandKernels | None = None,
     ) -> None:
         super().__init__()
@@ -156,7 +160,7 @@ class HandGoalShaper(LeafSystem):
         if not yaw_slack >= 0:
             raise InvalidArgumentError(f"yaw_slack must be at least 0, not {yaw_slack}")
         self._tip_frames, self._lead = list(tip_frames), lead
-        self._object = object_solid
+        self._jaws, self._object = list(jaws), object_solid
         if isinstance(object_solid, Solid):  # Solids move in each tick, fastest as rows of numbers.
             self._object = PlacedSolid(object_solid.rounded_box())
         self._fixed = [PlacedSolid(solid.rounded_box()) for solid in fixed]
@@ -216,16 +220,20 @@ class HandGoalShaper(LeafSystem):
         if command.holds_contacts:
             return
         targeted: FloatArray = context.get_discrete_state(self._targeted).value().copy()
-        p_OC, nhat, active = np.split(targeted, [3 * len(self._radius), 6 * len(self._radius)])
-        active[:] = is_active(self._status.Eval(context))
+        p_OC, nhat = targeted[: 6 * len(self._radius)].reshape(2, -1, 3)
+        targeted[6 * len(self._radius) :] = is_active(self._status.Eval(context))
         if command.is_tracked:
             port = f"fingertip_targets of {self.get_name()}"
             found = ports.validated_poses(self._targets.Eval(context), self._tip_frames, port)
             for finger, X_WC in enumerate(found):
                 if X_WC is not None:
-                    own = slice(3 * finger, 3 * finger + 3)
-                    p_OC[own] = command.R_WO.T @ (X_WC.translation() - command.p_WO)
-                    nhat[own] = -command.R_WO.T @ X_WC.rotation().matrix()[:, 2]
+                    p_OC[finger] = command.R_WO.T @ (X_WC.translation() - command.p_WO)
+                    nhat[finger] = -command.R_WO.T @ X_WC.rotation().matrix()[:, 2]
+            goals: HandGoals = self._goals.Eval(context)
+            z_A = self._approach(command, goals.pan)[0][2]
+            for pair in self._jaws:
+                line = pair.line(nhat[pair.first], nhat[pair.second], z_A)
+                nhat[pair.first], nhat[pair.second] = -line, line
         discrete_state.set_value(self._targeted, targeted)
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:

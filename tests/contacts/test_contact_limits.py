@@ -25,7 +25,12 @@ from thin_cup import CUP, RADIUS, WALL
 from drake_pregrasp import ContactStatus, InvalidArgumentError, box_surface
 from drake_pregrasp.contacts.centroids import position_tracking, select_contacts
 from drake_pregrasp.contacts.contact_pairs import Pair
-from drake_pregrasp.contacts.goal_limits import ContactLimits, hold_contacts, steps_toward
+from drake_pregrasp.contacts.goal_limits import (
+    ContactLimits,
+    hold_contacts,
+    judged_goals,
+    steps_toward,
+)
 from drake_pregrasp.contacts.quality_guard import guard_measure
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface
@@ -167,23 +172,44 @@ def test_pairs_keep_their_distance_and_the_second_its_region(surface, max_step):
 
 
 JAWS = Pair(first=0, second=1)
+Z_JAWS = [FingerReach(None, sign * np.eye(3)[0], axis=np.eye(3)[2]) for sign in (1, -1)]
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("reach", [[], [*Z_JAWS, None, None]], ids=["free", "jaws"])
 @pytest.mark.parametrize("surface", [BALL, CAN, CUBE], ids=["ball", "can", "cube"])
-def test_opposite_contacts_stay_opposite_while_they_move(surface):
-    first = surface.project(np.array([[0.1, 0.03, 0.01]]))
-    second = surface.project(first[0] - 0.2 * first[1])[0]
+def test_opposite_contacts_stay_opposite_while_they_move(surface, reach):
+    first = surface.project(np.array([[0.1, 0.03, 0.0]]))
+    across = np.array([1.0, 1.0, 0.0 if reach else 1.0])
+    second = surface.project(first[0] - 0.2 * across * first[1])[0]
     p_OC = spread_contacts(surface, 4, 0.03, first=[first[0][0], second[0]])
-    moved = 0.0
-    for _, before, goals in wander(surface, p_OC, ContactLimits(pairs=(JAWS,)), 20):
+    moved, limits, axis = 0.0, ContactLimits(pairs=(JAWS,)), (1 - across) * np.eye(3)[2]
+    allowed = max(JAWS.tolerance, JAWS.error(p_OC, surface.project(p_OC)[1], axis))
+    for _, before, goals in wander(surface, p_OC, limits, 20, reach=reach):
         (a, b), normals = goals.p_OC[:2], surface.project(goals.p_OC)[1]
         line = (b - a) / np.linalg.norm(b - a)
         assert max(normals[0] @ line, -normals[1] @ line) < -np.cos(np.radians(31))
-        mean = (normals[1] - normals[0]) / np.linalg.norm(normals[1] - normals[0])
-        assert np.linalg.norm(np.cross(b - a, mean)) <= JAWS.tolerance + 1e-12
-        moved += np.linalg.norm(goals.p_OC[1] - before[1])
+        mean = across * (normals[1] - normals[0])
+        off = np.linalg.norm(np.cross(b - a, mean / np.linalg.norm(mean)))
+        assert off <= allowed + 1e-12
+        moved, allowed = moved + np.linalg.norm(b - before[1]), max(JAWS.tolerance, off)
+    assert off <= JAWS.tolerance
     assert moved > 0.005
+
+
+def test_jaws_that_are_off_each_others_height_go_there():
+    """With normals of a ball that are opposite, on a line which is not across the axis."""
+    first, up = BALL.project(np.array([[0.08, 0.0, 0.02]]))[0][0], np.eye(3)[2]
+    p_OC = spread_contacts(BALL, 2, 0.03, first=[first, -first])
+    status = []
+    for reach in ([], Z_JAWS):
+        chosen = selection_of(BALL, p_OC, reach=reach)
+        assert error(JAWS, BALL, p_OC) < JAWS.tolerance
+        limits, known = ContactLimits(pairs=(JAWS,)), np.ones(2, dtype=bool)
+        status.append(judged_goals(chosen, p_OC, known, limits).status[0])
+        goals = tracking_goals(BALL, p_OC, limits, reach=reach).p_OC
+        assert (abs((goals[1] - goals[0]) @ up) <= JAWS.tolerance) == bool(reach)
+    assert status == [ContactStatus.ACTIVE, ContactStatus.APART_FROM_PARTNER]
 
 
 @pytest.mark.slow

@@ -440,6 +440,20 @@ def test_a_squeeze_is_not_completed_while_a_finger_does_not_press():
     assert (states[-1].reason, states[-1].detail) == (GiveUp.LOST_TOUCH, 2)
 
 
+@pytest.mark.parametrize(
+    ("press", "gap", "gives_up"), [(0.0, 1.1, True), (0.0, 0.9, False), (9.0, 1.1, False)]
+)
+def test_a_finger_far_off_the_surface_that_does_not_press_has_lost_the_object(press, gap, gives_up):
+    state, others = replace(CLOSING, phase=GraspPhase.SQUEEZE, since=3.0), np.arange(N) != 3
+    surface_gaps = np.where(others, 0.0, gap * SETTINGS.search)
+    presses = np.where(others, 9.0, press)
+    view = closing_view(surface_gaps=surface_gaps, presses=presses, wanted=np.ones(N))
+    after = next_state(state, view, SETTINGS, PERIOD, balanced)
+    assert (after.reason == GiveUp.LOST_TOUCH) == gives_up
+    if gives_up:
+        assert (after.phase, after.detail) == (GraspPhase.BACK_OFF, 3)
+
+
 @pytest.mark.parametrize(("duration", "is_lost"), [(0.018, False), (0.022, True)])
 def test_a_finger_that_bounces_in_the_lift_has_not_lost_touch(duration, is_lost):
     scene, state, period = Scene(), GraspState.first(N, SETTINGS), 0.002

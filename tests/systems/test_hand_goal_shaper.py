@@ -9,7 +9,7 @@ from made_systems import RING as UNIT_RING
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 
-from drake_pregrasp import BallSolid, HalfSpace, Obstacles
+from drake_pregrasp import BallSolid, HalfSpace, Obstacles, Pair
 from drake_pregrasp.contacts.assignment import palm_turn, wrapped
 from drake_pregrasp.contacts.selection_input import ContactStatus
 
@@ -60,6 +60,24 @@ def with_first(value, values):
 
 def test_goals_come_to_stand_off_their_contacts():
     np.testing.assert_allclose(Shaper(standoff=0.02).goals(1.0), POINTS + OUT, atol=1e-9)
+
+
+JAWS = Pair(1, 4)
+
+
+@pytest.mark.parametrize("turn", [0.0, np.pi / 2])
+def test_jaws_go_to_their_contacts_along_the_line_between_them(turn):
+    X_LA = RigidTransform(RotationMatrix.MakeYRotation(turn))
+    normals = NORMALS + 0.3 * np.array([-X, X, X, X, -X]) + [0.0, 0.0, 0.2]
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    shaper = Shaper(normals=normals, palm={"jaws": [JAWS], "X_LA": X_LA}, standoff=0.02)
+    goals, (_, directions) = shaper.goals(1.0), shaper.contacts
+    others = [0, 2, 3]
+    np.testing.assert_allclose(directions[others], normals[others], atol=1e-12)
+    line = JAWS.line(normals[1], normals[4], X_LA.rotation().matrix()[:, 2])
+    np.testing.assert_allclose(directions[[1, 4]], [-line, line], atol=1e-12)
+    if turn == 0:
+        np.testing.assert_allclose(goals, POINTS + 0.029 * directions, atol=1e-9)
 
 
 def test_goals_are_carried_ahead_with_the_frame():
