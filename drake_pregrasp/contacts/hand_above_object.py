@@ -31,6 +31,9 @@ class HandAboveObject:
         least_fingers: Smallest number of fingers of a grasp.
         holds_palm: Function that tells whether the hand can hold its palm at a yaw.
         p_AO: Position of the object's origin in A, shape (3,), in metres.
+        fits_palm: Function from a yaw and points in O, shape (k, 3), to the mask of those at whose
+            height the palm has room over the table, shape (k,). Contacts of pairs have to be there,
+            because jaws are as high as their palm.
         workspace_gaps: Function from a yaw, centres of each fingertip in O, shape (n, k, 3), and
             the largest gap that is sought, to the distances from what its joints reach, shape
             (n, k), in metres; 0 where they reach, and inf beyond the largest gap.
@@ -61,6 +64,9 @@ class HandAboveObject:
     least_fingers: int = 3
     holds_palm: Callable[[float], bool] = lambda yaw: True
     p_AO: FloatArray = field(default_factory=lambda: np.zeros(3))
+    fits_palm: Callable[[float, FloatArray], BoolArray] = lambda yaw, p_OC: np.ones(
+        len(p_OC), dtype=bool
+    )
     workspace_gaps: Callable[[float, FloatArray, float], FloatArray] = lambda yaw, p_OT, largest: (
         np.zeros(p_OT.shape[:2])
     )

@@ -156,12 +156,23 @@ def palm_problem(
     except InvalidArgumentError as error:
         return error
     height = float((path[0] @ p_OCoM + hand.X_LA.translation())[2]) - table
-    needed = hand.fingers.depth(yaw) + LINK_CLEARANCE
-    if hand.X_LA.rotation().IsExactlyIdentity() or needed <= height:
+    if (needed := least_palm_height(hand, yaw)) <= height:
         return None
     return InvalidArgumentError(
         f"the hand at home needs a palm {needed:.3g} m over the table, and it is at {height:.3g} m"
     )
+
+
+def least_palm_height(hand: HandModel, yaw: float) -> float:
+    """Returns the least height of a palm's axis over the table; -inf from above, in metres.
+
+    Args:
+        hand: Model of the hand with its approach.
+        yaw: Yaw of the palm, in radians.
+    """
+    if hand.X_LA.rotation().IsExactlyIdentity():
+        return -np.inf
+    return float(hand.fingers.depth(yaw) + LINK_CLEARANCE)
 
 
 def check_torques(

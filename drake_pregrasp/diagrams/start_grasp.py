@@ -23,7 +23,7 @@ from drake_pregrasp.contacts.assignment import (
 from drake_pregrasp.contacts.hand_above_object import HandAboveObject, StartContacts
 from drake_pregrasp.contacts.start_contacts import choose_start_contacts
 from drake_pregrasp.diagrams.approaches import Approach, best_approach, table_height
-from drake_pregrasp.diagrams.feasibility import palm_problem
+from drake_pregrasp.diagrams.feasibility import least_palm_height, palm_problem
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import InvalidArgumentError, Lack, NoGraspError, OutOfReachError
 from drake_pregrasp.geometry.rotations import turn_about_z
@@ -139,9 +139,15 @@ def _chosen_contacts(
     R_OA = R_OW @ hand.X_LA.rotation().matrix()
     p_OA = p_OCoM + R_OW @ hand.X_LA.translation()
 
+    table = table_height(fixed)
+
+    def fits_palm(yaw: float, p_OC: FloatArray) -> BoolArray:
+        heights = (X_WO @ p_OC.T)[2] - table
+        return np.asarray(heights >= least_palm_height(hand, yaw))
+
     measures = hand.fingers.measures if np.any(limits.least_measures()) else None
     yaw_range = hand.yaw_range(config.yaw_range)
-    problem_at = partial(palm_problem, hand, config, poses, p_OCoM, table_height(fixed))
+    problem_at = partial(palm_problem, hand, config, poses, p_OCoM, table)
 
     def link_gaps(yaw: float, finger: int, p_OT: FloatArray) -> FloatArray:
         R_OU = R_OA @ turn_about_z(yaw)
@@ -172,6 +178,7 @@ def _chosen_contacts(
             pairs=tuple(limits.pairs),
             opening=hand.fingers.opening(hand.description.jaws) - 2 * config.standoff,
             holds_palm=lambda yaw: not problem_at(yaw),
+            fits_palm=fits_palm,
             workspace_gaps=lambda yaw, p_OT, largest: hand.fingers.workspace_gaps(
                 (p_OT - p_OA) @ R_OA @ turn_about_z(yaw), largest
             ),
