@@ -91,16 +91,15 @@ def make_shaper(
 
 
 def make_sequencer(config=None, object_solid=None, p_OCoM=(0.0, 0.0, 0.0), **changes):
-    tips = [Fingertip(radius=RADIUS)] * N
+    values = {"fingertips": [Fingertip(radius=RADIUS)] * N}
     ball, efforts = dp.BallSolid(np.zeros(3), 0.05), np.full(NQ, 9.0)
     return dp.GraspSequencer(
         config or dp.GraspConfig(),
-        fingertips=tips,
         mass=0.4,
         p_OCoM=np.array(p_OCoM),
         object_solid=object_solid or ball,
         efforts=efforts,
-        **changes,
+        **values | changes,
     )
 
 

@@ -9,6 +9,7 @@ from pydrake.multibody.math import SpatialVelocity
 
 from drake_pregrasp import BallSolid, BoxSolid
 from drake_pregrasp.config.grasp_config import GraspConfig
+from drake_pregrasp.config.hand_description import Fingertip
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase
 from drake_pregrasp.grasping.held_motion import TETHER
@@ -25,17 +26,17 @@ def tips_at(X_WO, gap):
     return (X_WO @ ((0.05 + RADIUS + gap) * RING).T).T.ravel()
 
 
-def sequencer_over(X_WO, sequencer=None, active=ALL):
-    return Driven(
-        sequencer or make_sequencer(),
-        close=[0.0],
-        contacts=np.concatenate([0.05 * RING, RING, active], axis=None),
-        X_WO_estimated=X_WO,
-        V_WO_estimated=SpatialVelocity.Zero(),
-        p_WT=tips_at(X_WO, 0.0),
-        f_T_W=np.zeros(3 * N),
-        approach=[MEETING, *np.full(6, np.nan)],
-    )
+def sequencer_over(X_WO, sequencer=None, active=ALL, **inputs):
+    around = {
+        "close": [0.0],
+        "contacts": np.concatenate([0.05 * RING, RING, active], axis=None),
+        "X_WO_estimated": X_WO,
+        "V_WO_estimated": SpatialVelocity.Zero(),
+        "p_WT": tips_at(X_WO, 0.0),
+        "f_T_W": np.zeros(3 * N),
+        "approach": [MEETING, *np.full(6, np.nan)],
+    }
+    return Driven(sequencer or make_sequencer(), **around | inputs)
 
 
 def close_until_touch(hand, X_WO):
@@ -345,6 +346,33 @@ def test_a_touch_moves_the_frame_and_the_other_fingers_to_the_object(azimuth):
         hand.tick()
     assert hand.array("grasp_report")[0] == GraspPhase.SQUEEZE
     np.testing.assert_allclose(hand.eval("X_WG").translation(), center, atol=2e-3)
+
+
+def test_pads_that_touch_beside_their_middles_do_not_move_the_frame_across_their_way():
+    """Normals at their middles lean to one side, and both pads touch before these do."""
+    ways, X_WO = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]), RigidTransform([0.0, 0.0, 0.05])
+    pads, beside = [Fingertip(radius=RADIUS, patch_radius=0.01)] * 2, np.array([0.0, 0.012, 0.0])
+    hand = sequencer_over(
+        X_WO,
+        make_sequencer(fingertips=pads),
+        contacts=np.concatenate([0.05 * ways + beside, ways, [1.0, 1.0]], axis=None),
+        p_WT=np.zeros(6),
+        f_T_W=np.zeros(6),
+    )
+
+    def tips(gap):
+        return (X_WO @ ((0.05 + RADIUS + gap) * ways + beside).T).T.ravel()
+
+    hand.fix(close=[1.0], p_WT=tips(SETTINGS.standoff))
+    hand.advance(MEETING + 0.1)
+    while (gap := hand.eval("command").standoffs[0]) > 0.002:
+        hand.fix(p_WT=tips(gap))
+        hand.tick()
+    assert hand.array("grasp_report")[0] == GraspPhase.CLOSE
+    hand.fix(p_WT=tips(0.001), f_T_W=(-1.2 * SETTINGS.touch_force * ways).ravel())
+    for _ in range(100):
+        hand.tick()
+        np.testing.assert_allclose(hand.eval("X_WG").translation()[:2], 0.0, atol=1e-4)
 
 
 @pytest.mark.parametrize("strain", [0.5, 4.0])
