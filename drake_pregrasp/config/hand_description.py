@@ -96,7 +96,8 @@ class Closing:
     # Largest normal force, in newtons.
     force: float = field(default=12.0, metadata={"above": 0, "at_most": 1e4})
 
-    # Depth below the estimated surface to which the fingertip searches for contact, in metres.
+    # Depth below the estimated surface to which the fingertip searches for contact, and distance
+    # from it beyond which a finger that does not press has lost the object, in metres.
     depth: float = field(default=0.006, metadata={"above": 0, "at_most": 1})
 
 

@@ -40,6 +40,8 @@ class Pair:
     ) -> FloatArray:
         """Returns unit vectors from A to B along which A and B are opposite, shape (..., 3).
 
+        They are zero for normals that are equal across the axis.
+
         Args:
             nhat_OA: Outward unit normals at the first contacts, shape (..., 3).
             nhat_OB: Outward unit normals at the second contacts, shape (..., 3).

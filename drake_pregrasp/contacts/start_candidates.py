@@ -110,7 +110,7 @@ class StartCandidates:
         for centres in (self._ways[0], self._ways[-1]):
             beyond = self._hand.workspace_gaps(yaw, centres, 0.0) > 0
             limits[beyond & (limits != Limit.FORBIDDEN)] = Limit.REACH
-        for pair in self._hand.pairs:
+        for pair in self._hand.jaws:
             both = limits[[pair.first, pair.second]]
             too_low = ~self._hand.fits_palm(yaw, self.p_OQ) & (both != Limit.FORBIDDEN)
             limits[[pair.first, pair.second]] = np.where(too_low, Limit.REACH, both)

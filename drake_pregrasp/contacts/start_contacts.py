@@ -213,7 +213,7 @@ class _Search:
 
         There is none for jaws, which reach contacts only on their own line.
         """
-        if len(trial.fingers) < self._hand.least_fingers or self._hand.pairs:
+        if len(trial.fingers) < self._hand.least_fingers or self._hand.jaws:
             return None
         slack = abs(self._turned(trial).trial.yaw - trial.yaw)
         return self._judged(replace(trial, yaw_slack=slack)) if slack <= _SLACK else None

@@ -36,7 +36,7 @@ from drake_pregrasp.systems.palm_frames import pose_error
 _ARM_JOINTS = 6  # Least number of an arm.
 _SLAB = 0.01  # Length of the end of a link that is its fingertip, in metres.
 _PAD = 0.02  # Length of the end of a jaw that is its pad, in metres.
-_FLUSH = 0.4  # Largest angle between a pad and the surface that it touches, in radians.
+_FLUSH = 0.2  # Largest angle between a pad and the surface that it touches, in radians.
 _LEAST_RADIUS, _LARGEST_RADIUS = 0.003, 0.03  # Of a fingertip, in metres.
 _HALF_ANGLE = 1.1  # Of a proposed reach, in radians.
 _ANYWHERE = SectorReach(half_angle=np.pi, incidence=np.pi)

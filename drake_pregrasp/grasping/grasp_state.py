@@ -135,7 +135,8 @@ class GraspSettings:
         correction_limit: Longest time by which an object that is not where it is estimated may
             delay the touch of all fingers.
         search: Depth below the surface to which a fingertip searches for the object, and the
-            largest distance from the surface at which fingers that touch may start to squeeze.
+            largest distance from the surface at which fingers that touch may start to squeeze. A
+            finger that does not press in the squeeze, and is farther away, has lost the object.
         touch_force: Least normal force that counts as touch.
         least_fingers: Least number of active fingers before closing.
         least_force: Least normal force of each finger in the squeeze.

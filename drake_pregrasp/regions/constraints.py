@@ -112,10 +112,10 @@ class Obstacles:
 
 
 RADIUS, REACH_SOLID, SECTOR, CLOSED = 0, slice(1, 20), slice(20, 35), slice(35, 41)
-AXIS = slice(23, 26)
 """Parts of a contact's row in `Predicates`: the radius of the fingertip; the solid and the sector
-of its reach (see `reached`), and in the latter the axis of its hand; and which faces are closed, in
-the order of `_FACES`."""
+of its reach (see `reached`); and which faces are closed, in the order of `_FACES`."""
+
+_AXIS = slice(23, 26)  # The part of `SECTOR` that is the axis of the hand.
 
 _FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
 
@@ -298,7 +298,7 @@ class RegionConstraints:
         Args:
             contact: Index of the contact.
         """
-        return np.asarray(self.predicates.contacts[contact, AXIS])
+        return np.asarray(self.predicates.contacts[contact, _AXIS])
 
     @cached_property
     def predicates(self) -> Predicates:

@@ -76,9 +76,9 @@ class HandGoalShaper(LeafSystem):
 
     Port `contacts` emits a vector of 7n: the contacts that the fingertips go to, in O, in metres,
     one after another, then the outward unit normals there, then for each finger 1 if it is active
-    and else 0, as of the last tick. Jaws do not go to their contacts along the normals, but along
-    the line between them, which stands for these. Where a fingertip has no room, for example close
-    to the table, its contact is shifted along the surface.
+    and else 0, as of the last tick. For jaws that are active, these are not the normals but unit
+    vectors along the line between the contacts, outward. Where a fingertip has no room, for example
+    close to the table, its contact is shifted across these vectors.
 
     Port `p_GT` emits a vector of 3n: the goals in G, as of the last tick, in metres.
 
@@ -221,7 +221,7 @@ class HandGoalShaper(LeafSystem):
             return
         targeted: FloatArray = context.get_discrete_state(self._targeted).value().copy()
         p_OC, nhat = targeted[: 6 * len(self._radius)].reshape(2, -1, 3)
-        targeted[6 * len(self._radius) :] = is_active(self._status.Eval(context))
+        targeted[6 * len(self._radius) :] = active = is_active(self._status.Eval(context))
         if command.is_tracked:
             port = f"fingertip_targets of {self.get_name()}"
             found = ports.validated_poses(self._targets.Eval(context), self._tip_frames, port)
@@ -232,8 +232,10 @@ class HandGoalShaper(LeafSystem):
             goals: HandGoals = self._goals.Eval(context)
             z_A = self._approach(command, goals.pan)[0][2]
             for pair in self._jaws:
+                both = [pair.first, pair.second]
                 line = pair.line(nhat[pair.first], nhat[pair.second], z_A)
-                nhat[pair.first], nhat[pair.second] = -line, line
+                if active[both].all() and line.any():
+                    nhat[both] = -line, line
         discrete_state.set_value(self._targeted, targeted)
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:

@@ -12,9 +12,11 @@ from scipy.spatial.distance import pdist
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.contacts.assignment import palm_turn, ring_contacts
+from drake_pregrasp.contacts.contact_pairs import Pair
 from drake_pregrasp.contacts.goal_limits import tip_gaps
 from drake_pregrasp.contacts.hand_above_object import HandAboveObject
-from drake_pregrasp.contacts.start_contacts import choose_start_contacts
+from drake_pregrasp.contacts.start_candidates import StartCandidates
+from drake_pregrasp.contacts.start_contacts import _Search, choose_start_contacts
 from drake_pregrasp.contacts.tipping import tipping_shares
 from drake_pregrasp.errors import Lack, NoGraspError
 from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface
@@ -248,6 +250,31 @@ def test_a_palm_that_its_contacts_would_turn_a_little_out_of_reach_keeps_its_yaw
     turned = palm_turn(p_OC + (TIP + STANDOFF) * normals, hand.azimuths[on], start.yaw)
     assert start.yaw_slack == pytest.approx(abs(turned - start.yaw), abs=1e-9)
     assert start.yaw_slack > 0.1
+
+
+def test_jaws_have_no_slack():
+    """Only fingers that are not jaws may keep contacts from which the palm would turn."""
+    shape, surface = shape_of("box0"), surface_of(shape_of("box0"))
+    hand = hand_over(shape, half_angle=0.15, azimuths=AZIMUTHS + 0.3)
+    free, paired = (
+        _Search(surface, shape.solid, replace(hand, pairs=pairs), 300, 2)
+        for pairs in ((), (Pair(0, 2),))
+    )
+    kept = [trial for trial in map(free.settled, free.yaws()) if free.kept(trial)]
+    assert kept
+    assert not any(map(paired.kept, kept))
+
+
+def test_opposite_contacts_are_where_the_palm_has_room():
+    shape = shape_of("box0")
+    for pair, is_limited in ((Pair(0, 2), True), (Pair(0, 2, distance=0.05), False)):
+        hand = hand_over(shape, pairs=(pair,), fits_palm=lambda yaw, p_OC: p_OC[:, 2] > yaw)
+        candidates = StartCandidates(surface_of(shape), shape.solid, hand, 300)
+        limits, is_low = candidates.limits_at(0.01), candidates.p_OQ[:, 2] <= 0.01
+        assert np.any(limits[1, is_low] == Limit.NONE)
+        assert np.any(limits[[0, 2]][:, ~is_low] == Limit.NONE)
+        lacking = ~np.isin(limits[[0, 2]][:, is_low], (Limit.REACH, Limit.FORBIDDEN))
+        assert np.any(lacking) != is_limited
 
 
 def test_a_finger_without_a_place_stays_away():

@@ -256,7 +256,8 @@ def test_the_frames_of_reach_and_palm_are_over_the_centre_of_mass(yaw_range, mid
 @pytest.mark.parametrize("R_WO", [np.eye(3), None])
 def test_an_approach_from_the_side_turns_with_the_object_about_the_vertical(R_WO):
     X_LA = RigidTransform(RotationMatrix.MakeYRotation(np.pi / 2), [0.0, 0.0, 0.02])
-    shaper, X_WO, _ = turning_shaper((-np.inf, np.inf), 1.2, 4.0, X_LA=X_LA, R_WO=R_WO)
+    palm = {"X_LA": X_LA, "R_WO": R_WO, "jaws": [JAWS]}
+    shaper, X_WO, _ = turning_shaper((-np.inf, np.inf), 1.2, 4.0, **palm)
     goals, turned = shaper.eval("goals"), 0.0
     if R_WO is not None:
         assert (goals.pan, goals.pan_rate) == pytest.approx((1.2 * (4.0 - PERIOD), 1.2))
@@ -268,6 +269,8 @@ def test_an_approach_from_the_side_turns_with_the_object_about_the_vertical(R_WO
         z = shaper.eval(port).rotation().col(2)
         np.testing.assert_allclose(z, X_WU.rotation().col(2), atol=1e-9)
         assert shaper.eval(port).translation() == pytest.approx(X_WU.translation(), abs=1e-9)
+    line_W = X_WO.rotation() @ shaper.contacts[1][JAWS.first]
+    assert line_W @ X_WU.rotation().col(2) == pytest.approx(0.0, abs=1.2 * PERIOD)
 
 
 def test_a_palm_from_the_side_turns_about_its_own_axis():
