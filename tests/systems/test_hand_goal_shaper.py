@@ -270,7 +270,9 @@ def test_an_approach_from_the_side_turns_with_the_object_about_the_vertical(R_WO
         np.testing.assert_allclose(z, X_WU.rotation().col(2), atol=1e-9)
         assert shaper.eval(port).translation() == pytest.approx(X_WU.translation(), abs=1e-9)
     line_W = X_WO.rotation() @ shaper.contacts[1][JAWS.first]
-    assert line_W @ X_WU.rotation().col(2) == pytest.approx(0.0, abs=1.2 * PERIOD)
+    # Directions are some ticks old in W, but not in O, with which the approach turns.
+    late = 1e-6 if R_WO is not None else 3 * 1.2 * PERIOD
+    assert line_W @ X_WU.rotation().col(2) == pytest.approx(0.0, abs=late)
 
 
 def test_a_palm_from_the_side_turns_about_its_own_axis():
