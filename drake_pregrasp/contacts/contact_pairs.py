@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.arrays import FloatArray, IntArray, norms
 from drake_pregrasp.regions.constraints import OPPOSITE
 
 NO_AXIS = np.zeros(3)
@@ -96,7 +96,7 @@ class Pair:
 
 def _lengths(vectors: FloatArray) -> FloatArray:
     """Returns lengths by which vectors are divided, shape (..., 1)."""
-    return np.asarray(np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), _TINY))
+    return np.maximum(norms(vectors), _TINY)[..., None]
 
 
 def groups_of(pairs: Sequence[Pair], num_contacts: int) -> list[list[int]]:

@@ -32,8 +32,8 @@ class HandAboveObject:
         holds_palm: Function that tells whether the hand can hold its palm at a yaw.
         p_AO: Position of the object's origin in A, shape (3,), in metres.
         fits_palm: Function from a yaw and points in O, shape (k, 3), to the mask of those at whose
-            height the palm has room over the table, shape (k,). Opposite contacts have to be there:
-            the palm is at the height of their middle, so that none is left out too late.
+            height the palm has room over the table, shape (k,). Both of two opposite contacts have
+            to be there: jaws bring the palm to the height of their middle.
         workspace_gaps: Function from a yaw, centres of each fingertip in O, shape (n, k, 3), and
             the largest gap that is sought, to the distances from what its joints reach, shape
             (n, k), in metres; 0 where they reach, and inf beyond the largest gap.

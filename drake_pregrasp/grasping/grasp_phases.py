@@ -55,7 +55,8 @@ class GraspView:
         surface_gaps: Gap between each fingertip and the nearest point of the surface, shape (n,),
             in metres; ignored until the hand closes.
         rows: Displacement of the surface there by a unit change of `GraspState.offset`, along its
-            normal, or for a pad along its way, shape (n, 3); ignored until the hand closes.
+            normal, or for a pad along the direction in which it closes, shape (n, 3); ignored until
+            the hand closes.
         is_tracked: Whether the object is tracked.
         blocked: Index of the finger that stops the hand, `BASE`, or `NOT_BLOCKED`.
         has_met: Whether the palm has met the object.

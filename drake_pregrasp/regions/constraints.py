@@ -115,7 +115,7 @@ RADIUS, REACH_SOLID, SECTOR, CLOSED = 0, slice(1, 20), slice(20, 35), slice(35, 
 """Parts of a contact's row in `Predicates`: the radius of the fingertip; the solid and the sector
 of its reach (see `reached`); and which faces are closed, in the order of `_FACES`."""
 
-_AXIS = slice(23, 26)  # The part of `SECTOR` that is the axis of the hand.
+_AXIS = slice(SECTOR.start + 3, SECTOR.start + 6)  # The axis of the hand; see `reached`.
 
 _FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
 

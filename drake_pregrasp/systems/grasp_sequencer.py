@@ -345,7 +345,7 @@ class GraspSequencer(LeafSystem):
             if self._solid is not None:
                 heights, normals = self._solid.distance_and_gradient(p_GT)
                 surface_gaps = heights - self._radius
-                # Pads also touch beside their middles, where normals are other ones.
+                # A pad may touch beside its middle, where the surface has another normal.
                 normals = np.where(self._patch_radii[:, None] > 0, nhat, normals)
             if not self._in_air:  # In the air, the object moves to where the fingers are.
                 rows = touch_rows(p_GT - self._p_OCoM, normals, command.R_WG)
