@@ -207,8 +207,10 @@ def test_jaws_that_are_off_each_others_height_go_there():
         assert error(JAWS, BALL, p_OC) < JAWS.tolerance
         limits, known = ContactLimits(pairs=(JAWS,)), np.ones(2, dtype=bool)
         status.append(judged_goals(chosen, p_OC, known, limits).status[0])
-        goals = tracking_goals(BALL, p_OC, limits, reach=reach).p_OC
-        assert (abs((goals[1] - goals[0]) @ up) <= JAWS.tolerance) == bool(reach)
+        for guard in (None, always_worse()):  # It holds those that are opposite each other.
+            limits = ContactLimits(pairs=(JAWS,), guard=guard)
+            goals = tracking_goals(BALL, p_OC, limits, reach=reach).p_OC
+            assert (abs((goals[1] - goals[0]) @ up) <= JAWS.tolerance) == bool(reach)
     assert status == [ContactStatus.ACTIVE, ContactStatus.APART_FROM_PARTNER]
 
 
