@@ -97,7 +97,8 @@ class PalmCarrier:
     ) -> FloatArray:
         """See `systems.differential_kinematics.PalmBase`."""
         posture = np.array(home, dtype=float)
-        x, y, z = self._R_AL @ (turn_about_z(pan).T @ p_WL) + self.p_AL
+        R_AL = self._R_AL @ turn_about_z(pan).T if pan else self._R_AL
+        x, y, z = R_AL @ p_WL + self.p_AL
         posture[self.joints] = (x, y, z, yaw, pan)[: len(self.joints)]
         return posture
 

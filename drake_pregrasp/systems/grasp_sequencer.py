@@ -226,11 +226,6 @@ class GraspSequencer(LeafSystem):
         state: GraspState = self._grasp.Eval(context)
         return state
 
-    def _palm_axis_at(self, R_WG: FloatArray) -> FloatArray:
-        if self._R_OW is None:
-            return self._palm_axis
-        return turn_about_z(angle_about_z(R_WG @ self._R_OW)) @ self._palm_axis
-
     def _calc_grasp(self, context: Context) -> GraspState:
         return self._unpack(context.get_discrete_state(self._state).value())
 
@@ -244,7 +239,9 @@ class GraspSequencer(LeafSystem):
         (R_WG, p_WG), V_WG = corrected_pose(R_WO, p_WO, self._p_OCoM, offset), V_WO
         if memory.is_gripped:
             R_WG, p_WG, V_WG = self._held.frame(context)
-        axis = self._lift_axis if state.share > 0 else self._palm_axis_at(R_WG)
+        axis = self._lift_axis if state.share > 0 else self._palm_axis
+        if self._R_OW is not None and state.share == 0:
+            axis = turn_about_z(angle_about_z(R_WG @ self._R_OW)) @ axis
         raised, rising = state.height.value(time), state.height.rate(time + self._config.period / 2)
         standoffs = state.standoffs
         if state.phase == GraspPhase.APPROACH:

@@ -248,7 +248,7 @@ class HandGoalShaper(LeafSystem):
         stored = context.get_discrete_state(self._contacts if held else self._targeted).value()
         p_OC, nhat = stored[: 6 * n].reshape(2, n, 3)
         active = stored[6 * n :] > 0
-        p_GT, v_GT, _ = self._stored(context)
+        p_GT, v_GT, _, _ = self._stored(context)
         R_GW, gaps = command.R_WG.T, command.standoffs
         p_GW = -R_GW @ command.p_WG
         obstacles = ports.eval_solids(self, self._obstacles, context, R_GW, p_GW)
@@ -327,21 +327,22 @@ class HandGoalShaper(LeafSystem):
 
     def _approach(self, command: GraspCommand, pan: float) -> tuple[FloatArray, FloatArray]:
         """Returns orientation and position of G in the frame A of the approach."""
-        R_AG = self._axis.R_AL @ turn_about_z(pan).T @ command.R_WG
+        R_AL = self._axis.R_AL if self._R_OW is None else self._axis.R_AL @ turn_about_z(pan).T
+        R_AG = R_AL @ command.R_WG
         return R_AG, self._axis.p_AL - R_AG @ self._axis.p_OCoM
 
-    def _stored(self, context: Context) -> tuple[FloatArray, FloatArray, float]:
-        """Returns the goals in G, their velocities there, each (n, 3), and the palm's yaw."""
-        p_GT, v_GT, yaw = (
+    def _stored(self, context: Context) -> tuple[FloatArray, FloatArray, float, float]:
+        """Returns the goals in G, their velocities there, each (n, 3), and the yaw and the pan."""
+        p_GT, v_GT, yaw, pan = (
             context.get_discrete_state(index).value().copy()
-            for index in (self._tips, self._rates, self._yaw)
+            for index in (self._tips, self._rates, self._yaw, self._pan)
         )
-        return p_GT.reshape(-1, 3), v_GT.reshape(-1, 3), float(yaw[0])
+        return p_GT.reshape(-1, 3), v_GT.reshape(-1, 3), float(yaw[0]), float(pan[0])
 
     def _calc_goals(self, context: Context) -> HandGoals:
         command: GraspCommand = self._command.Eval(context)
-        p_GT, v_GT, yaw = self._stored(context)
-        axis, pan = self._axis, self._stored_pan(context)
+        p_GT, v_GT, yaw, pan = self._stored(context)
+        axis = self._axis
         if self._R_OW is not None:
             heading = angle_about_z(command.R_WG @ self._R_OW)
             pan += math.remainder(heading - pan, 2 * math.pi)
@@ -355,8 +356,8 @@ class HandGoalShaper(LeafSystem):
     def _palm(self, context: Context) -> tuple[FloatArray, float, RigidTransform]:
         """Returns the object's centre of mass in W, and the last tick's yaw and approach X_LA."""
         command: GraspCommand = self._command.Eval(context)
-        yaw = float(context.get_discrete_state(self._yaw).value()[0])
-        X_LA = panned(self._X_LA, self._stored_pan(context))
+        _, _, yaw, pan = self._stored(context)
+        X_LA = panned(self._X_LA, pan)
         return command.p_WO + command.R_WO @ self._axis.p_OCoM, yaw, X_LA
 
     def _calc_X_WH(self, context: Context) -> RigidTransform:
@@ -366,6 +367,3 @@ class HandGoalShaper(LeafSystem):
     def _calc_X_WU(self, context: Context) -> RigidTransform:
         p_WCoM, yaw, X_LA = self._palm(context)
         return turned_frame(p_WCoM, X_LA, yaw)
-
-    def _stored_pan(self, context: Context) -> float:
-        return float(context.get_discrete_state(self._pan).value()[0])

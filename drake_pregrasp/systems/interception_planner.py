@@ -119,6 +119,7 @@ class InterceptionPlanner(LeafSystem):
         self._meeting = cache("plan of the last tick", first, self._calc_meeting, stored)
         seen, words = (self._pose.source, self._V_WO), "motion of the object along the axes of A"
         self._motion = cache(words, np.zeros((3, 3)), self._calc_motion, *seen)
+        self._R_AW_now = cache("R_AW", R_AW, self._calc_R_AW, self._pose.source)
         sources = (self.time_ticket(), self._meeting, self._motion, self._pose.source)
         ports.declare_output(self, "approach", 7, self._calc_approach, *sources)
         self.DeclareStateOutputPort("catch_certificate", self._certificate)
@@ -127,7 +128,7 @@ class InterceptionPlanner(LeafSystem):
     def _calc_meeting(self, context: Context) -> Meeting:
         return self._unpack(context.get_discrete_state(self._plan).value())
 
-    def _R_AW_now(self, context: Context) -> FloatArray:
+    def _calc_R_AW(self, context: Context) -> FloatArray:
         """Returns the orientation of W in A, which turns with the estimated object if it turns."""
         if self._R_OW is None:
             return self._R_AW
@@ -139,8 +140,8 @@ class InterceptionPlanner(LeafSystem):
         _, R_WO, p_WO, _ = self._pose.eval(context)
         w_WO, v_WO = ports.validated_velocity(self._V_WO.Eval(context))
         p_OCoM_W = R_WO @ self._p_OCoM
-        motion = np.array([p_WO + p_OCoM_W, v_WO + skew(w_WO) @ p_OCoM_W, np.zeros(3)])
-        motion = motion @ self._R_AW_now(context).T
+        R_AW: FloatArray = self._R_AW_now.Eval(context)
+        motion = np.array([p_WO + p_OCoM_W, v_WO + skew(w_WO) @ p_OCoM_W, np.zeros(3)]) @ R_AW.T
         motion[2] = self._settings.gravity
         return motion if self._predicts else motion * [[1.0], [0.0], [0.0]]
 
@@ -159,7 +160,7 @@ class InterceptionPlanner(LeafSystem):
         v = (self._palm(context, self._period)[0] - x) / self._period
         is_tracked = self._pose.eval(context).is_tracked
         time = plan.time if plan.meets and is_tracked else np.inf
-        R_AW = self._R_AW_now(context)
+        R_AW = self._R_AW_now.Eval(context)
         return np.concatenate([[time], x @ R_AW, v @ R_AW])
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
@@ -170,10 +171,10 @@ class InterceptionPlanner(LeafSystem):
             certificate = np.append(float(limit), np.full(4, np.nan))
             if limit == CatchLimit.NONE:
                 there = moved(self._motion.Eval(context), plan.time - context.get_time())[0]
-                certificate[1:] = plan.time, *(there @ self._R_AW_now(context))
+                certificate[1:] = plan.time, *(there @ self._R_AW_now.Eval(context))
         else:
             X_WG: RigidTransform = self._X_WG.Eval(context)
-            place = self._R_AW_now(context) @ (X_WG @ self._p_OCoM)
+            place = self._R_AW_now.Eval(context) @ (X_WG @ self._p_OCoM)
             away = place - self._motion.Eval(context)[0]
             plan = Meeting.above(float(away[2]) if are_valid(away) else 0.0)
             certificate = context.get_discrete_state(self._certificate).value().copy()
