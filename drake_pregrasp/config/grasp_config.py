@@ -144,6 +144,13 @@ class GraspConfig:
         default_factory=lambda: [ABOVE], metadata={"min_length": 1, "one_of": (ABOVE, SIDE)}
     )
 
+    # Shifts of the palm along its axis, away from the object, in metres: they are tried in this
+    # order until there is a grasp. A palm that is lowered keeps 10 mm over the object's top.
+    palm_shifts: list[float] = field(
+        default_factory=lambda: [0.0, -0.01, -0.02, 0.01, 0.02],
+        metadata={"min_length": 1, "at_least": -1, "at_most": 1},
+    )
+
     # Height of the palm's axis over the table, if it comes from the side, in metres. 0: that of the
     # object's centre of mass, or more if the hand at home would not clear the table there.
     side_height: float = field(default=0.0, metadata={"at_least": 0, "at_most": 10})

@@ -47,7 +47,7 @@ class Carrier:
     # so high that the carrier would come nearer than `top_clearance` to their top.
     palm_height: float = field(default=0.155, metadata={"at_least": 0, "at_most": 10})
 
-    # Least height of the carrier over the object's top, in metres.
+    # Least height of the carrier over the object's top, in metres, without `grasp.palm_shifts`.
     top_clearance: float = field(default=0.05, metadata={"at_least": 0, "at_most": 10})
 
     # Place of a hand whose model lacks these joints.
@@ -79,7 +79,8 @@ class Arm:
     # over its centre of mass.
     over_top: bool = False
 
-    # Least height of the palm over the object's top, in metres, without `over_top`.
+    # Least height of the palm over the object's top, in metres, without `over_top` and
+    # `grasp.palm_shifts`.
     top_clearance: float = field(default=0.05, metadata={"at_least": 0, "at_most": 10})
 
 
@@ -237,17 +238,21 @@ class HandDescription:
             return self.base.palm_height
         return self.base.palm_position[2]
 
-    def over_object(self, top: float) -> "HandDescription":
+    def over_object(self, top: float, shift: float = 0.0, least: float = 0.0) -> "HandDescription":
         """Returns the description with the heights of palm and reach over the centre of mass.
 
         Args:
             top: Height of the object's top over its centre of mass, in metres.
+            shift: How much higher the palm is than without a shift, in metres.
+            least: Least height over the top of a palm that a shift lowers, in metres.
         """
-        rise = max(0.0, top + self.base.top_clearance - self.palm_height)
+        is_over_top = isinstance(self.base, Arm) and self.base.over_top
+        needed = top + self.base.top_clearance - self.palm_height
+        rise = top if is_over_top else max(0.0, needed)
+        rise = max(rise + shift, min(rise, top + least - self.palm_height))
         if isinstance(self.base, Carrier):
             base: BaseConfig = replace(self.base, palm_height=self.palm_height + rise)
         else:
-            rise = top if self.base.over_top else rise
             x, y, z = self.base.palm_position
             base = replace(self.base, palm_position=[x, y, z + rise], over_top=False)
         return replace(self, base=base, fingertips=[tip.raised(rise) for tip in self.fingertips])

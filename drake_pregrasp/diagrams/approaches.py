@@ -1,6 +1,6 @@
 """Directions from which a palm may come to an object, and the choice among them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +18,9 @@ from drake_pregrasp.grasping.clearances import LINK_CLEARANCE
 from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 
 _LEVEL = 1 - 1e-9  # Least z of the normal of a level plane.
+# Least gap between a palm that is lowered and the object's top, in metres. It stops at
+# `LINK_CLEARANCE` over the object as it is estimated, with noise.
+_TOP_GAP = 2 * LINK_CLEARANCE
 _YAWS = np.linspace(-np.pi, np.pi, 73)
 _SIDES = np.pi / 2 * np.arange(4)  # Azimuths from which palms come from the side, in radians.
 
@@ -32,11 +35,11 @@ def approaching_hands(
     X_WB: RigidTransform | None = None,
     incoming: FloatArray | None = None,
     pans: bool = False,
-) -> list[HandModel]:
-    """Returns models of a hand with the approaches to choose from, over the top of an object.
+) -> Iterator[list[HandModel]]:
+    """Returns models of a hand with the approaches to choose from, for each shift of the palm.
 
-    Approaches from the side are along x and y of an upright object. A palm from the side that waits
-    for an object faces it, along x or y of W.
+    A list of models is made only when it is asked for. Approaches from the side are along x and y
+    of an upright object. A palm from the side that waits for an object faces it, along x or y of W.
 
     Args:
         upright: Model of the hand, from above, and not over an object.
@@ -56,10 +59,12 @@ def approaching_hands(
     extent = float(np.max(np.linalg.norm(surface.p_OQ - surface.p_OCoM, axis=1)))
     R_WO, is_arm = X_WO.rotation().matrix(), isinstance(upright.description.base, Arm)
 
-    def model(X_LA: RigidTransform, X_WB: RigidTransform | None) -> HandModel:
+    def model(X_LA: RigidTransform, X_WB: RigidTransform | None, shift: float = 0.0) -> HandModel:
         up = X_LA.rotation().matrix()[:, 2] @ R_WO
         top = float(np.max((surface.mesh.vertices - surface.p_OCoM) @ up))
-        raised = upright.description.over_object(top)
+        near = extent + float(np.linalg.norm(X_LA.translation()))
+        depth = upright.description.palm_height - upright.fingers.lowest_of_palm(near)
+        raised = upright.description.over_object(top, shift, depth + _TOP_GAP)
         is_panning = pans and not (is_arm or X_LA.rotation().IsExactlyIdentity())
         return HandModel(
             *(raised, config.yaw_range, X_LA, X_WB, upright.model),
@@ -72,18 +77,18 @@ def approaching_hands(
         above = model(FROM_ABOVE, X_WB if is_arm else None)
         p_WCoM = X_WO @ surface.p_OCoM - [0.0, 0.0, table_height(fixed)]
         found[SIDE] = _from_the_side(config, above, X_WO, float(p_WCoM[2]), incoming)
-    hands = [
-        model(X_LA, X_WB)
+    approaches = [
+        X_LA
         for kind in config.approaches
         for X_LA in found[kind]
         if X_WB is None or is_arm or _is_turned_so(X_WB, X_LA)
     ]
-    if not hands:
+    if not approaches:
         words = (
             f"grasp.approaches: the carrier in the plant is turned for none of {config.approaches}"
         )
         raise InvalidArgumentError(f"{words}; pass X_WB to add_hand_model")
-    return hands
+    return ([model(X_LA, X_WB, shift) for X_LA in approaches] for shift in config.palm_shifts)
 
 
 def _from_the_side(
@@ -137,27 +142,31 @@ class Approach(NamedTuple):
 
 
 def best_approach(
-    hands: Sequence[HandModel], start_of: Callable[[HandModel], StartContacts]
+    groups: Iterable[Sequence[HandModel]], start_of: Callable[[HandModel], StartContacts]
 ) -> Approach:
-    """Returns the approach with the best start contacts.
+    """Returns the approach with the best start contacts of the first group that has any.
 
     Args:
-        hands: Models of the hand with their approaches, at least one.
+        groups: Models of the hand with their approaches, in groups; at least one.
         start_of: Function that returns the start contacts of a model.
 
     Raises:
         InvalidArgumentError: If none has any; it is the error of the one that is nearest to it.
+            Other groups are not tried if all of a group fail for more than the lack of a grasp.
     """
-    found: list[Approach] = []
     problems: list[InvalidArgumentError] = []
-    for hand in hands:
-        try:
-            found.append(Approach(hand, start_of(hand)))
-        except InvalidArgumentError as error:
-            problems.append(error)
-    if not found:
-        raise min(problems, key=_shortfall)
-    return max(found, key=lambda approach: approach.start.score)
+    for hands in groups:
+        found: list[Approach] = []
+        for hand in hands:
+            try:
+                found.append(Approach(hand, start_of(hand)))
+            except InvalidArgumentError as error:
+                problems.append(error)
+        if found:
+            return max(found, key=lambda approach: approach.start.score)
+        if not any(isinstance(problem, NoGraspError) for problem in problems):
+            break
+    raise min(problems, key=_shortfall)
 
 
 def _shortfall(problem: InvalidArgumentError) -> tuple[int, float]:

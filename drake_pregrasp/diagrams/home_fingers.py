@@ -143,6 +143,17 @@ class HomeFingers:
         down = p_HB[:, 0] * np.cos(yaw) - p_HB[:, 1] * np.sin(yaw)
         return float(np.max(down + radii))
 
+    def lowest_of_palm(self, radius: float) -> float:
+        """Returns the least height over the object's centre of mass of links without a finger.
+
+        Args:
+            radius: Distance from the palm's axis within which they count, in metres.
+        """
+        balls = [link.balls for link in self._balls(link_balls) if link.finger == BASE]
+        x, y, z, radii = np.concatenate([np.empty((0, 4)), *balls]).T
+        is_near = np.hypot(x, y) - radii < radius
+        return float(np.min((z - radii)[is_near], initial=np.inf))
+
     @cached_property
     def _steps(self) -> list[float]:
         gaps = [tree.query(tree.data, k=2)[0][:, 1] for tree in self.workspaces]

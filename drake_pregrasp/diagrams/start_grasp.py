@@ -1,7 +1,7 @@
 """Start contacts of a hand over an object, chosen or given, and the planner's limits for it."""
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -72,7 +72,7 @@ def _start_constraints(
 
 
 def best_start(
-    hands: Sequence[HandModel],
+    hands: Iterable[Sequence[HandModel]],
     config: GraspConfig,
     planner: PlannerConfig,
     surface: ObjectSurface,
@@ -86,13 +86,15 @@ def best_start(
 ) -> Approach:
     """Returns the approach with the best fingers, contacts and yaw of the palm for the start.
 
+    Of the palm's heights, it is the first one at which there is a grasp.
+
     Given contacts are in the order of the fingers, beside each other, without a margin. Those whose
     fingertips overlap are replaced by others on the allowed surface. A finger for which there is
     none within its reach stays away from the object. Of two approaches the one with more fingers
     whose joints get there, and then with homes nearer to the contacts, scores higher.
 
     Args:
-        hands: Models of the hand from `approaching_hands`.
+        hands: Models of the hand from `approaching_hands`, for each height of the palm.
         config: Configuration of the grasp.
         planner: Configuration of the planner; limits of the hand are added.
         surface: Surface of the object.

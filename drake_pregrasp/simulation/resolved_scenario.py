@@ -1,5 +1,6 @@
 """A scenario with everything that follows from its data: surface, hand, contacts, settings."""
 
+import itertools
 import math
 from collections.abc import Sequence
 from copy import copy
@@ -330,13 +331,14 @@ def _hand_and_start(
     if grasp.meeting.wait_at:
         incoming = grasp.meeting.wait_at - X_WO @ shape.p_OCoM
     with errors_at("hand.file", f"{file}: "):
-        hands = approaching_hands(
+        groups = approaching_hands(
             *(upright, grasp, surface, waiting),
             fixed=fixed,
             X_WB=X_WB,
             incoming=incoming,
             pans=incoming is None,
         )
+        hands = next(groups)
     where = ""
     if not (X_LA := hands[0].X_LA).rotation().IsExactlyIdentity():
         height = (waiting @ shape.p_OCoM + X_LA.translation())[2]
@@ -344,7 +346,7 @@ def _hand_and_start(
     chooses = scenario.chooses_contacts
     with errors_at("object" if chooses else "initial_contacts", where):
         return start_grasp.best_start(
-            hands,
+            itertools.chain([hands], groups),
             grasp,
             scenario.planner,
             surface,

@@ -172,7 +172,7 @@ def test_of_approaches_without_a_grasp_the_nearest_is_named(problems, nearest):
         raise problems[index]
 
     with pytest.raises(dp.InvalidArgumentError, match=nearest):
-        best_approach(range(len(problems)), start_of)
+        best_approach([range(len(problems))], start_of)
 
 
 TALL = dp.box_surface([0.06, 0.07, 0.2], spacing=0.012, forbidden_faces=["+z", "-z"])
