@@ -75,8 +75,8 @@ def test_a_control_tick_of_a_hand_is_small() -> None:
     # Only the squeeze plans forces, at each tick.
     for time, files, functions, count in (
         (2.011, 26, 88, 138),
-        (4.511, 27, 107, 178),
-        (5.211, 29, 108, 201),
+        (4.511, 27, 109, 187),
+        (5.211, 29, 112, 220),
         (7.011, 28, 98, 168),
     ):
         simulator.AdvanceTo(time)

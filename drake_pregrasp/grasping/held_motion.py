@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.geometry.rotations import rotation_matrix, skew
+from drake_pregrasp.geometry.rotations import rotation_matrix, rotation_vector, skew
 
 DAMPING_RATIO = 0.8
 """Ratio K h/D of the fingers' stiffness K and the damping D, with the control period h."""
@@ -59,6 +59,22 @@ class HeldMotion:
         p_WG = self.p_WG + before + dt * (v_CoM + change / 2) - after
         V_WG = np.array([w, v_CoM + change - w_cross @ after])
         return replace(self, time=time, R_WG=R_WG, p_WG=p_WG, V_WG=V_WG)
+
+    def nearer(
+        self, R_WO: FloatArray, p_WO: FloatArray, p_GCoM: FloatArray, share: float
+    ) -> "HeldMotion":
+        """Returns the motion with G brought nearer to a pose, by a share of the way.
+
+        Args:
+            R_WO: Orientation of the pose in W, shape (3, 3).
+            p_WO: Its position in W, shape (3,), in metres.
+            p_GCoM: Centre of mass in G and in O, shape (3,), in metres: it moves straight.
+            share: The share, from 0 to 1.
+        """
+        R_WG = rotation_matrix(share * rotation_vector(R_WO @ self.R_WG.T)) @ self.R_WG
+        p_WCoM, there = self.p_WG + self.R_WG @ p_GCoM, p_WO + R_WO @ p_GCoM
+        p_WG = p_WCoM + share * (there - p_WCoM) - R_WG @ p_GCoM
+        return replace(self, R_WG=R_WG, p_WG=p_WG)
 
     def stopping(self, time: float, duration: float) -> "HeldMotion":
         """Returns the motion at a later time, with constant deceleration to rest.

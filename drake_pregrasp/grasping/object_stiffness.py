@@ -25,7 +25,7 @@ def holding_gain(period: float) -> float:
 
 
 def restoring_forces(
-    p_CoMT: FloatArray, d: FloatArray, stiffness: FloatArray, gain: float
+    p_T: FloatArray, d: FloatArray, stiffness: FloatArray, gain: float
 ) -> FloatArray:
     """Returns forces of fingertips against the motion of an object that they hold, shape (n, 3).
 
@@ -39,14 +39,14 @@ def restoring_forces(
     Tahara, Arimoto and Yoshida (ICRA 2010) also tell an object's pose from the fingertips alone.
 
     Args:
-        p_CoMT: Fingertips' centres p_i from the object's centre of mass, shape (n, 3), in metres.
+        p_T: Fingertips' centres p_i, shape (n, 3), in metres, from any point.
         d: Their displacements since the object was in its place, shape (n, 3), in metres, in the
             same frame as the forces.
         stiffness: Least stiffness k_i of each finger over all directions, shape (n,), in N/m. It
             counts for all directions, so that no loop gain exceeds g.
         gain: Ratio g of the forces to those of the fingers' stiffness (`holding_gain`).
     """
-    moved = np.concatenate([-skew(p_CoMT), np.tile(np.eye(3), (len(d), 1, 1))], axis=2)
+    moved = np.concatenate([-skew(p_T), np.tile(np.eye(3), (len(d), 1, 1))], axis=2)
     weights = np.sqrt(stiffness)[:, None]
     A = (weights[:, :, None] * moved).reshape(-1, 6)
     twist = np.linalg.lstsq(A, (weights * d).ravel(), rcond=1e-6)[0]

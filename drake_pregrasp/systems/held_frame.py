@@ -1,6 +1,7 @@
 """Motion of the frame G of an object that fingers hold, as state and cache of a system."""
 
 import math
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -60,6 +61,9 @@ class HeldMemory(NamedTuple):
     is_gripped: bool
 
 
+_FOLLOWING = 0.3  # Time constant with which a closing hand follows an estimate, in seconds.
+_LAG = 0.002  # Largest distance by which it lags behind: more is motion and not noise, in metres.
+
 _AT_REST = HeldMotion.at_rest()
 _unpack_motion = unpacker(_AT_REST)
 _ON_TABLE = np.array([[0.0, 0.0, 1.0], [1.0, 1.0, 0.0]])  # Turns and velocities of a belt.
@@ -108,6 +112,8 @@ class HeldFrame:
         self._last = system.DeclareDiscreteState(pack(_AT_REST))
         self._sticking = system.DeclareDiscreteState(np.full(3 * n, np.nan))
         self._last_shown = system.DeclareDiscreteState(3)
+        self._before_lift = system.DeclareDiscreteState(np.full(3 * n, np.nan))
+        self._followed = system.DeclareDiscreteState(pack(_AT_REST))
         stored, cache = system.xd_ticket(), partial(ports.declare_cache, system)
         shown = stored, camera_offset
         self.offset = cache("offset of G", np.zeros(3), self._calc_offset, *shown)
@@ -126,11 +132,39 @@ class HeldFrame:
         b_W = validated_numbers(self._camera_offset.Eval(context)[:3])
         return np.where(np.isfinite(b_W), b_W, last)
 
+    def followed(self, context: Context) -> tuple[FloatArray, FloatArray]:
+        """Returns the orientation and position of the object that the hand follows on a belt.
+
+        It is the estimate when the hand begins to close. While it closes, it moves with the
+        estimated velocity, and toward the estimate with a time constant, within 2 mm of it: fingers
+        that touch would push the object by the noise of each new measurement.
+        """
+        _, R_WO, p_WO, _ = self._pose.eval(context)
+        state: GraspState = self._grasp.Eval(context)
+        last = _unpack_motion(context.get_discrete_state(self._followed).value())
+        time, p_OCoM = context.get_time(), self._held.p_OCoM
+        if not state.since <= last.time <= time:  # The clock may have been set back.
+            return R_WO, p_WO
+        now = last.at(time, p_OCoM)
+        now = replace(now, p_WG=now.p_WG - self._revealed(context))
+        away = float(np.linalg.norm(now.p_WG - p_WO + (now.R_WG - R_WO) @ p_OCoM))
+        left = min(math.exp((last.time - time) / _FOLLOWING), _LAG / max(away, _LAG))
+        now = now.nearer(R_WO, p_WO, p_OCoM, 1 - left)
+        return now.R_WG, now.p_WG
+
+    def _revealed(self, context: Context) -> FloatArray:
+        """Returns how much farther cameras displace what they show than they did at the last tick.
+
+        The estimate has moved against it, in W, shape (3,), in metres.
+        """
+        last = context.get_discrete_state(self._last_shown).value()
+        return np.asarray(self._shown(context) - last)
+
     def _calc_offset(self, context: Context) -> FloatArray:
         state: GraspState = self._grasp.Eval(context)
         if not GraspPhase.CLOSE <= state.phase <= GraspPhase.SQUEEZE:
             return state.offset
-        x, y, _ = self._shown(context) - context.get_discrete_state(self._last_shown).value()
+        x, y, _ = self._revealed(context)
         return np.asarray(state.offset + np.array([x, y, 0.0]))
 
     def _calc_memory(self, context: Context) -> HeldMemory:
@@ -211,9 +245,11 @@ class HeldFrame:
         return SpatialVelocity(w=w_WG, v=v_WG + rising)
 
     def restoring_forces(self, context: Context, R_WG: FloatArray, p_WG: FloatArray) -> FloatArray:
-        """Returns the forces that keep the object in its place in the hold, in G, shape (n, 3).
+        """Returns the forces that keep the object in its place, in G, shape (n, 3), in newtons.
 
-        They are zero in other phases, and for fingers that do not hold or were not measured.
+        They act against turns since the squeeze, and in the hold also against displacements since
+        the lift. They are zero until the lift, and for fingers that do not hold or were not
+        measured.
 
         Args:
             context: Context of the system.
@@ -221,13 +257,18 @@ class HeldFrame:
             p_WG: Present position of G, shape (3,), in metres.
         """
         state: GraspState = self._grasp.Eval(context)
-        p_GT = self.memory.Eval(context).p_GT
-        forces = np.zeros(p_GT.shape)
+        p_GT = (validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3) - p_WG) @ R_WG
+        before = context.get_discrete_state(self._before_lift).value().reshape(-1, 3)
+        d, forces = p_GT - before, np.zeros(p_GT.shape)
+        on = state.active & np.isfinite(d).all(axis=1)
+        if not (state.phase in (GraspPhase.LIFT, GraspPhase.HOLD) and on.any()):
+            return forces
+        k = self._held.least_stiffness[on]
+        middle, moved = k @ before[on] / np.sum(k), np.zeros(3)
         if state.phase == GraspPhase.HOLD:
-            d = (validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3) - p_WG) @ R_WG - p_GT
-            on = state.active & np.isfinite(d).all(axis=1)
-            p_CoMT, k = p_GT[on] - self._held.p_OCoM, self._held.least_stiffness[on]
-            forces[on] = restoring_forces(p_CoMT, d[on], k, self._gain)
+            moved = k @ (p_GT - self.memory.Eval(context).p_GT)[on] / np.sum(k)
+        d = d[on] - k @ d[on] / np.sum(k) + moved
+        forces[on] = restoring_forces(before[on] - middle, d, k, self._gain)
         return forces
 
     def store(
@@ -240,7 +281,8 @@ class HeldFrame:
     ) -> None:
         """Stores the displacement of what cameras show, and what `HeldMemory` contains.
 
-        The motion of G is stored while the hand closes or squeezes; after that it is kept.
+        The motion of G, the pose that it follows, and the places of the fingertips are stored while
+        the hand closes or squeezes; after that they are kept.
 
         Args:
             context: Context of the system.
@@ -255,15 +297,20 @@ class HeldFrame:
             discrete_state.set_value(self._sticking, p_GT.ravel())
         if not GraspPhase.CLOSE <= state.phase <= GraspPhase.SQUEEZE:
             return
+        time, V_WO = context.get_time(), command.V_WO
+        if state.phase == GraspPhase.CLOSE:
+            followed = HeldMotion(time, *self.followed(context), V_WO, V_WO, np.zeros(3))
+            discrete_state.set_value(self._followed, pack(followed))
         motion: HeldMotion = self.near.Eval(context)
         memory: HeldMemory = self.memory.Eval(context)
         if not memory.is_gripped:
-            V_WBelt = command.V_WO if self._in_air else _ON_TABLE * command.V_WO
+            V_WBelt = V_WO if self._in_air else _ON_TABLE * V_WO
             if state.touched.any() and not self._in_air:  # Fingers may push it beside the belt.
                 V_WBelt = memory.last.V_WBelt
-            a_W, time = self._held.a_W, context.get_time()
+            a_W = self._held.a_W
             motion = HeldMotion(time, command.R_WG, command.p_WG, V_WBelt, V_WBelt, a_W)
         discrete_state.set_value(self._last, pack(motion))
         sticks = state.phase == GraspPhase.SQUEEZE
         sticking = p_GT_goal.ravel() if sticks else np.full(p_GT_goal.size, np.nan)
         discrete_state.set_value(self._sticking, sticking)
+        discrete_state.set_value(self._before_lift, p_GT.ravel())
