@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.contacts.assignment import palm_turn
 from drake_pregrasp.geometry.rotations import rotation_matrix, skew
 from drake_pregrasp.grasping.fingertip_paths import Pace
@@ -46,6 +46,8 @@ class HandGoals:
         yaw_rate: Rate of change of the yaw, in rad/s.
         pan: Angle by which A has turned about the vertical, in radians.
         pan_rate: Rate of change of the pan, in rad/s.
+        active: Whether each finger has a contact, shape (n,), so that the palm helps it; None if
+            all have one.
     """
 
     p_WT: FloatArray
@@ -56,6 +58,7 @@ class HandGoals:
     yaw_rate: float
     pan: float = 0.0
     pan_rate: float = 0.0
+    active: BoolArray | None = None
 
 
 def hand_goals(

@@ -99,7 +99,7 @@ class DifferentialKinematics(LeafSystem):
 
     The palm follows its goal with the velocity of the goal and `GAIN` times its distance from it:
     the palm of an arm beside the fingertips, the axes of a carrier in their null space, so that
-    they help fingers at the limits of their reach.
+    they help fingers at the limits of their reach. Only fingers with a contact move the palm.
 
     Args:
         scene: The hand and what it must be clear of.
@@ -139,6 +139,8 @@ class DifferentialKinematics(LeafSystem):
         if np.shape(initial) != (nq,):
             raise InvalidArgumentError(f"the hand has {nq} joints, not {np.size(initial)}")
         self._home, self._yaw_range = home, yaw_range
+        own = np.concatenate([hand.own_joints(finger) for finger in range(n)])
+        self._is_shared = ~np.isin(np.arange(nq), own)
         self._step, self._feeds_inertia = plant_time_step, feeds_inertia
         self._rate = approach_rate(acceleration)
         self._pace = Pace(_FASTEST, _USED * acceleration, period)
@@ -233,6 +235,10 @@ class DifferentialKinematics(LeafSystem):
         kernels, J = self._scene.kernels, pose.J_WT.reshape(-1, len(q))
         v_WT_last = context.get_discrete_state(self._goal_rates).value().copy().reshape(-1, 3)
         V = kernels.goal_velocities(goals, pose, v_last, v_WT_last, self._pace)
+        if goals.active is not None:
+            # Fingers without a contact do not move the palm. Their goals move with it.
+            alone = np.repeat(~goals.active, 3)[:, None] & self._is_shared
+            J, V = np.where(alone, 0.0, J), V - np.where(alone, J, 0.0) @ v_last
         # What follows a goal with a gain lags a steady motion by the time 1/gain, so it aims ahead.
         p_WL, yaw = goals.p_WL + goals.v_WL / GAIN, goals.yaw + goals.yaw_rate / GAIN
         pan = goals.pan + goals.pan_rate / GAIN

@@ -349,9 +349,10 @@ class HandGoalShaper(LeafSystem):
             axis = replace(axis, R_AL=axis.R_AL @ turn_about_z(pan).T)
         yaw += self._pace.period * float(axis.R_AL[2] @ command.V_WG[0])
         goals = self._kernels.hand_goals(axis, command, p_GT, v_GT, yaw, self._lead)
-        if self._R_OW is None:
-            return goals
-        return replace(goals, pan=pan, pan_rate=float(command.V_WG[0, 2]))
+        chosen = self._contacts if command.holds_contacts else self._targeted
+        active = context.get_discrete_state(chosen).value()[6 * len(self._radius) :] > 0
+        pan_rate = 0.0 if self._R_OW is None else float(command.V_WG[0, 2])
+        return replace(goals, active=active, pan=pan, pan_rate=pan_rate)
 
     def _palm(self, context: Context) -> tuple[FloatArray, float, RigidTransform]:
         """Returns the object's centre of mass in W, and the last tick's yaw and approach X_LA."""

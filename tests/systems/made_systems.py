@@ -155,11 +155,11 @@ def grasp_command(X_WO=None, X_WG=None, V_WO=None, V_WG=None, **changes):
     return GraspCommand(**(fields | changes))
 
 
-def hand_goals(p_WT, v_WT=None, p_WL=None, v_WL=None, yaw=0.0, yaw_rate=0.0):
+def hand_goals(p_WT, v_WT=None, p_WL=None, v_WL=None, yaw=0.0, yaw_rate=0.0, **others):
     """Goals of the fingertips, and of a palm over a point, by default the origin."""
     v_WT = np.zeros((N, 3)) if v_WT is None else v_WT
     p_WL, v_WL = (np.zeros(3) if value is None else np.array(value) for value in (p_WL, v_WL))
-    return HandGoals(np.array(p_WT), v_WT, p_WL, v_WL, yaw, yaw_rate)
+    return HandGoals(np.array(p_WT), v_WT, p_WL, v_WL, yaw, yaw_rate, **others)
 
 
 def partition(surface, p_OC, inputs=None, X=X_WO, **settings):

@@ -134,6 +134,23 @@ def test_the_palm_goes_to_its_goal_as_far_as_the_fingertips_leave_it_free():
     np.testing.assert_allclose(follower.q, HOME, atol=1e-3)
 
 
+def test_fingers_without_a_contact_do_not_move_the_palm_and_their_goals_move_with_it():
+    away = np.where(np.arange(N) == 1, 1.0, 0.0)[:, None] * [0.0, 0.02, 0.03]
+    v_WG = np.array([0.1, -0.05, 0.0])
+    moving = {"v_WT": np.tile(v_WG, (N, 1)), "v_WL": v_WG}
+    pulled = Follower(**moving)
+    left = Follower(**moving, active=np.arange(N) != 1)
+    for k in range(1, 150):
+        ahead = k * CONTROL_PERIOD * v_WG
+        goals = {"p_WT": TIPS + away + ahead, "p_WL": P_WO + ahead - CONTROL_PERIOD * v_WG}
+        for follower in (pulled, left):
+            follower.tick(**goals)
+    palms = [follower.q[:3] - HOME[:3] - ahead for follower in (pulled, left)]
+    assert np.linalg.norm(palms[0]) > 1e-3
+    np.testing.assert_allclose(palms[1], 0, atol=1e-4)
+    np.testing.assert_allclose(HAND.tips_at(left.q), TIPS + away + ahead, atol=1e-4)
+
+
 def test_the_palm_keeps_its_range():
     base = ArmOfAxes()
     hand = Driven(make_kinematics(base=base, initial=HOME, yaw_range=(-0.2, 0.1)))
