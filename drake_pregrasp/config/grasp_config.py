@@ -145,7 +145,8 @@ class GraspConfig:
     )
 
     # Shifts of the palm along its axis, away from the object, in metres: they are tried in this
-    # order until there is a grasp. A palm that is lowered keeps 10 mm over the object's top.
+    # order until there is a grasp. None of them lowers the palm to less than 10 mm over the top of
+    # the object.
     palm_shifts: list[float] = field(
         default_factory=lambda: [0.0, -0.01, -0.02, 0.01, 0.02],
         metadata={"min_length": 1, "at_least": -1, "at_most": 1},

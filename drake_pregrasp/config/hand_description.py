@@ -47,7 +47,7 @@ class Carrier:
     # so high that the carrier would come nearer than `top_clearance` to their top.
     palm_height: float = field(default=0.155, metadata={"at_least": 0, "at_most": 10})
 
-    # Least height of the carrier over the object's top, in metres, without `grasp.palm_shifts`.
+    # Least height of the carrier over the object's top, in metres, before `grasp.palm_shifts`.
     top_clearance: float = field(default=0.05, metadata={"at_least": 0, "at_most": 10})
 
     # Place of a hand whose model lacks these joints.
@@ -79,7 +79,7 @@ class Arm:
     # over its centre of mass.
     over_top: bool = False
 
-    # Least height of the palm over the object's top, in metres, without `over_top` and
+    # Least height of the palm over the object's top, in metres, without `over_top` and before
     # `grasp.palm_shifts`.
     top_clearance: float = field(default=0.05, metadata={"at_least": 0, "at_most": 10})
 

@@ -157,14 +157,16 @@ def best_approach(
     problems: list[InvalidArgumentError] = []
     for hands in groups:
         found: list[Approach] = []
+        lacking: list[InvalidArgumentError] = []
         for hand in hands:
             try:
                 found.append(Approach(hand, start_of(hand)))
             except InvalidArgumentError as error:
-                problems.append(error)
+                lacking.append(error)
         if found:
             return max(found, key=lambda approach: approach.start.score)
-        if not any(isinstance(problem, NoGraspError) for problem in problems):
+        problems += lacking
+        if not any(isinstance(problem, NoGraspError) for problem in lacking):
             break
     raise min(problems, key=_shortfall)
 

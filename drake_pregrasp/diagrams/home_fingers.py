@@ -144,7 +144,7 @@ class HomeFingers:
         return float(np.max(down + radii))
 
     def lowest_of_palm(self, radius: float) -> float:
-        """Returns the least height over the object's centre of mass of links without a finger.
+        """Returns the least z of links without a finger, in metres; inf if none are near the axis.
 
         Args:
             radius: Distance from the palm's axis within which they count, in metres.

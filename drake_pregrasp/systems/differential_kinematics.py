@@ -236,7 +236,7 @@ class DifferentialKinematics(LeafSystem):
         v_WT_last = context.get_discrete_state(self._goal_rates).value().copy().reshape(-1, 3)
         V = kernels.goal_velocities(goals, pose, v_last, v_WT_last, self._pace)
         if goals.active is not None:
-            # Fingers without a contact do not move the palm. Their goals move with it.
+            # Fingers without a contact do not move the palm, and make up for its last motion.
             alone = np.repeat(~goals.active, 3)[:, None] & self._is_shared
             J, V = np.where(alone, 0.0, J), V - np.where(alone, J, 0.0) @ v_last
         # What follows a goal with a gain lags a steady motion by the time 1/gain, so it aims ahead.

@@ -106,7 +106,8 @@ class GraspSequencer(LeafSystem):
 
     Port `command` emits a `GraspCommand`. Its frame G is the estimated pose of O, or on its way
     there while the hand approaches. While the hand closes, G moves with the estimated velocity, and
-    toward the estimate with a time constant of 0.3 s, within 2 mm of it. From the squeeze on, G
+    toward the estimate with a time constant of 0.3 s, its centre of mass within 2 mm of it. From
+    the squeeze on, G
     moves with the object that the fingers hold (`HeldMotion`), within `TETHER` of the estimate as
     touch corrects it; for the lift it stops with a constant deceleration, and moves along
     `lift_direction`. Contacts are held from closing or giving up until the next approach. A finger
@@ -238,11 +239,12 @@ class GraspSequencer(LeafSystem):
         _, R_WO, p_WO, is_tracked = self._pose.eval(context)
         V_WO = ports.validated_velocity(self._V_WO.Eval(context))
         offset = self._held.offset.Eval(context)
-        closes = state.phase == GraspPhase.CLOSE
-        followed = self._held.followed(context) if closes else (R_WO, p_WO)
-        (R_WG, p_WG), V_WG = corrected_pose(*followed, self._p_OCoM, offset), V_WO
         if memory.is_gripped:
             R_WG, p_WG, V_WG = self._held.frame(context)
+        else:
+            closes = GraspPhase.CLOSE <= state.phase <= GraspPhase.SQUEEZE
+            followed = self._held.followed(context) if closes else (R_WO, p_WO)
+            (R_WG, p_WG), V_WG = corrected_pose(*followed, self._p_OCoM, offset), V_WO
         axis = self._lift_axis if state.share > 0 else self._palm_axis
         if self._R_OW is not None and state.share == 0:
             axis = turn_about_z(angle_about_z(R_WG @ self._R_OW)) @ axis

@@ -133,11 +133,11 @@ class HeldFrame:
         return np.where(np.isfinite(b_W), b_W, last)
 
     def followed(self, context: Context) -> tuple[FloatArray, FloatArray]:
-        """Returns the orientation and position of the object that the hand follows on a belt.
+        """Returns the orientation and position of the object that a closing hand follows.
 
         It is the estimate when the hand begins to close. While it closes, it moves with the
-        estimated velocity, and toward the estimate with a time constant, within 2 mm of it: fingers
-        that touch would push the object by the noise of each new measurement.
+        estimated velocity, and toward the estimate with a time constant, its centre of mass within
+        2 mm of it: fingers that touch would push the object by the noise of each new measurement.
         """
         _, R_WO, p_WO, _ = self._pose.eval(context)
         state: GraspState = self._grasp.Eval(context)
@@ -261,12 +261,14 @@ class HeldFrame:
         before = context.get_discrete_state(self._before_lift).value().reshape(-1, 3)
         d, forces = p_GT - before, np.zeros(p_GT.shape)
         on = state.active & np.isfinite(d).all(axis=1)
+        lifted = p_GT
+        if state.phase == GraspPhase.HOLD:
+            lifted = self.memory.Eval(context).p_GT
+            on &= np.isfinite(lifted).all(axis=1)
         if not (state.phase in (GraspPhase.LIFT, GraspPhase.HOLD) and on.any()):
             return forces
         k = self._held.least_stiffness[on]
-        middle, moved = k @ before[on] / np.sum(k), np.zeros(3)
-        if state.phase == GraspPhase.HOLD:
-            moved = k @ (p_GT - self.memory.Eval(context).p_GT)[on] / np.sum(k)
+        middle, moved = k @ before[on] / np.sum(k), k @ (p_GT - lifted)[on] / np.sum(k)
         d = d[on] - k @ d[on] / np.sum(k) + moved
         forces[on] = restoring_forces(before[on] - middle, d, k, self._gain)
         return forces

@@ -134,7 +134,7 @@ def test_the_palm_goes_to_its_goal_as_far_as_the_fingertips_leave_it_free():
     np.testing.assert_allclose(follower.q, HOME, atol=1e-3)
 
 
-def test_fingers_without_a_contact_do_not_move_the_palm_and_their_goals_move_with_it():
+def test_fingers_without_a_contact_reach_their_goals_without_moving_the_palm():
     away = np.where(np.arange(N) == 1, 1.0, 0.0)[:, None] * [0.0, 0.02, 0.03]
     v_WG = np.array([0.1, -0.05, 0.0])
     moving = {"v_WT": np.tile(v_WG, (N, 1)), "v_WL": v_WG}

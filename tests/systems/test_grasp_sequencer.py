@@ -503,22 +503,53 @@ def test_in_the_air_a_frame_that_spins_falls_with_its_centre_of_mass():
     assert hand.array("grasp_report")[0] == GraspPhase.CLOSE
 
 
+def test_the_frame_does_not_jump_to_the_estimate_as_the_squeeze_begins():
+    X_WO, way = RigidTransform([0.0, 0.0, 0.05]), np.array([0.0, 0.0, 0.0015])
+    hand = sequencer_over(X_WO)
+    close_until_touch(hand, X_WO)
+    hand.fix(X_WO_estimated=RigidTransform(way) @ X_WO, f_T_W=-RING.ravel())
+    places, phases = [hand.eval("X_WG").translation().copy()], set()
+    for _ in range(6):
+        hand.tick()
+        phases.add(hand.array("grasp_report")[0])
+        places.append(hand.eval("X_WG").translation().copy())
+    assert phases == {GraspPhase.CLOSE, GraspPhase.SQUEEZE}
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    assert np.max(steps) < 0.1 * np.linalg.norm(way)
+
+
 def test_from_the_lift_on_fingers_press_against_turns_of_the_object():
     X_WO, angle = RigidTransform([0.0, 0.0, 0.05]), 1e-3
-    hand, turn = squeeze_at(X_WO), RigidTransform(RotationMatrix.MakeXRotation(angle), np.zeros(3))
+    active, k = np.arange(N) < N - 1, 200.0 + 100.0 * np.arange(N)
+    hand = squeeze_at(X_WO, make_sequencer(least_stiffness=k), active)
+    turn = RigidTransform(RotationMatrix.MakeXRotation(angle), np.zeros(3))
+    way = np.cross([angle, 0.0, 0.0], (0.05 + RADIUS) * RING)
+    mean = k[active] @ way[active] / np.sum(k[active])
     phases, forces = set(), {}
     while hand.context.get_time() < 8:
         X_WG = hand.eval("X_WG")
         for name, X in (("straight", X_WG), ("turned", X_WG @ turn)):
             hand.fix(p_WT=tips_at(X, 0.0))
             forces[name] = hand.eval("command").f_T_W
-        phases.add(hand.array("grasp_report")[0])
-        way = np.cross([angle, 0.0, 0.0], (0.05 + RADIUS) * RING)
-        springs = -holding_gain(CONTROL_PERIOD) * STIFFNESS * way
+        phases.add(phase := hand.array("grasp_report")[0])
+        moved = way if phase == GraspPhase.HOLD else way - mean
+        springs = -holding_gain(CONTROL_PERIOD) * (active * k)[:, None] * moved
         np.testing.assert_allclose(forces["turned"] - forces["straight"], springs, atol=1e-4)
         hand.fix(p_WT=tips_at(X_WG, 0.0))
         hand.tick()
     assert phases == {GraspPhase.LIFT, GraspPhase.HOLD}
+
+
+def test_a_finger_that_was_not_measured_as_the_lift_ended_exerts_nothing_in_the_hold():
+    X_WO = RigidTransform([0.0, 0.0, 0.05])
+    hand = squeeze_at(X_WO)
+    while hand.array("grasp_report")[0] == GraspPhase.LIFT:
+        p_WT = tips_at(hand.eval("X_WG"), 0.0)
+        hand.fix(p_WT=np.where(np.arange(3 * N) < 3, np.nan, p_WT))
+        hand.tick()
+    assert hand.array("grasp_report")[0] == GraspPhase.HOLD
+    hand.fix(p_WT=tips_at(hand.eval("X_WG"), 0.0))
+    assert np.isfinite(hand.eval("command").f_T_W).all()
 
 
 def test_in_the_hold_fingers_keep_the_object_where_it_was_lifted_to():
