@@ -86,7 +86,7 @@ def test_a_hand_from_the_side_lifts_along_a_direction_without_touching_anything_
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("start", "change"), [(3.0, -0.3), (5.3, 0.3)])
+@pytest.mark.parametrize(("start", "change"), [(3.0, -0.3), (5.25, 0.3)])
 def test_a_belt_that_accelerates_neither_shoves_nor_slides_the_object(start, change, tmp_path):
     profile = [[0, 0, 0], [start, 0, 0], [start + 0.2, change, 0]]  # 1.5 m/s^2.
     text = f"motion: {{profile: {profile}}}, simulation_duration: 7.5"
@@ -94,7 +94,8 @@ def test_a_belt_that_accelerates_neither_shoves_nor_slides_the_object(start, cha
     grasp, log = result.summary["grasp"], run_log(result)
     assert grasp["phase"] == "hold"
     assert grasp["moved_closing_mm"] < 3
-    assert grasp["moved_squeeze_mm"] < 6  # The hand follows the belt with a delay.
+    # The hand follows the belt with a delay. How far it is off depends on the moment.
+    assert grasp["moved_squeeze_mm"] < 6
     phases = run_log(result, "grasp.csv")
     lift = phases["time"][phases["phase"] == GraspPhase.LIFT][0]
     # Two further measurements confirm the first one, and those of a sudden motion are held back.
