@@ -107,10 +107,9 @@ class GraspSequencer(LeafSystem):
     Port `command` emits a `GraspCommand`. Its frame G is the estimated pose of O, or on its way
     there while the hand approaches. While the hand closes, G moves with the estimated velocity, and
     toward the estimate with a time constant of 0.3 s, its centre of mass within 2 mm of it. From
-    the squeeze on, G
-    moves with the object that the fingers hold (`HeldMotion`), within `TETHER` of the estimate as
-    touch corrects it; for the lift it stops with a constant deceleration, and moves along
-    `lift_direction`. Contacts are held from closing or giving up until the next approach. A finger
+    the squeeze on, G moves with the object that the fingers hold (`HeldMotion`), within `TETHER` of
+    the estimate as touch corrects it; for the lift it stops with a constant deceleration, and moves
+    along `lift_direction`. Contacts are held from closing or giving up until the next approach. A finger
     holds from the moment the hand closes until it releases; it may avoid obstacles at other times.
     The forces, once the hand closes, are those at the points of the object nearest to the
     fingertips. They balance the weight and the acceleration of stop and lift; until the lift, only

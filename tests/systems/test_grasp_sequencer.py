@@ -540,7 +540,7 @@ def test_from_the_lift_on_fingers_press_against_turns_of_the_object():
     assert phases == {GraspPhase.LIFT, GraspPhase.HOLD}
 
 
-def test_a_finger_that_was_not_measured_as_the_lift_ended_exerts_nothing_in_the_hold():
+def test_a_finger_that_was_not_measured_as_the_lift_ended_leaves_the_forces_finite():
     X_WO = RigidTransform([0.0, 0.0, 0.05])
     hand = squeeze_at(X_WO)
     while hand.array("grasp_report")[0] == GraspPhase.LIFT:
