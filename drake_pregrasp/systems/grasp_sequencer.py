@@ -109,9 +109,9 @@ class GraspSequencer(LeafSystem):
     toward the estimate with a time constant of 0.3 s, its centre of mass within 2 mm of it. From
     the squeeze on, G moves with the object that the fingers hold (`HeldMotion`), within `TETHER` of
     the estimate as touch corrects it; for the lift it stops with a constant deceleration, and moves
-    along `lift_direction`. Contacts are held from closing or giving up until the next approach. A finger
-    holds from the moment the hand closes until it releases; it may avoid obstacles at other times.
-    The forces, once the hand closes, are those at the points of the object nearest to the
+    along `lift_direction`. Contacts are held from closing or giving up until the next approach. A
+    finger holds from the moment the hand closes until it releases; it may avoid obstacles at other
+    times. The forces, once the hand closes, are those at the points of the object nearest to the
     fingertips. They balance the weight and the acceleration of stop and lift; until the lift, only
     their part without a wrench is commanded. From the lift on, forces against turns of the object
     are added, and in the hold also against its displacements (`restoring_forces`).
