@@ -192,7 +192,9 @@ class HandController(Diagram):
                 feeds_inertia=gravity > 0,
             ),
         )
-        sensor = builder.AddNamedSystem("fingertip_sensor", FingertipSensor(scene.hand))
+        sensor = builder.AddNamedSystem(
+            "fingertip_sensor", FingertipSensor(scene.hand, plant_time_step)
+        )
         R_WO = X_WO.rotation().matrix()
         meeting = meeting_settings(
             config, hand, self.initial, object_solid, mass, p_OCoM, R_WO, gravity, diffusion
@@ -212,8 +214,6 @@ class HandController(Diagram):
             ),
         )
         _connect(builder, sequencer, shaper, kinematics, sensor, interception)
-        if gravity > 0:
-            connect(builder, kinematics, "inertial_torque", sensor)
         builder.BuildInto(self)
 
 

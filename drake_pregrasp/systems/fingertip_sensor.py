@@ -1,12 +1,18 @@
 """Sensor of a hand's fingertips."""
 
-import numpy as np
-from pydrake.systems.framework import Context, LeafSystem
+import math
 
-from drake_pregrasp.arrays import FloatArray, are_valid
+import numpy as np
+from pydrake.multibody.tree import MultibodyForces
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+
+from drake_pregrasp.arrays import TIME_ROUNDING, FloatArray, are_valid
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.forward_kinematics import HandPose
 from drake_pregrasp.systems.hand_kinematics import HandKinematics
-from drake_pregrasp.systems.ports import declare_cache, declare_output
+from drake_pregrasp.systems.ports import declare_cache, declare_context, declare_output
+
+_SMOOTHING = 0.01  # Time constant of measured forces, in seconds.
 
 
 class FingertipSensor(LeafSystem):
@@ -18,7 +24,6 @@ class FingertipSensor(LeafSystem):
         input_ports:
         - hand_state
         - net_actuation
-        - inertial_torque
         output_ports:
         - p_WT
         - f_T_W
@@ -30,45 +35,73 @@ class FingertipSensor(LeafSystem):
     from MultibodyPlant's port of that name. The model neglects gravity, or assumes that it is
     compensated: only forces at the fingertips and inertia load the fingers.
 
-    Port `inertial_torque` (optional) accepts a vector of nq: torques (and forces) that accelerate
-    the hand as commanded (`DifferentialKinematics`). If it is unconnected, inertia is neglected.
-
     Port `p_WT` emits a vector of 3n: the fingertips' centres in W, in metres; NaN if a position of
     the hand is not finite.
 
-    Port `f_T_W` emits a vector of 3n: the forces that the fingertips press with, in W, in newtons;
-    NaN if a position or a torque is not finite.
+    Port `f_T_W` emits a vector of 3n: the forces that the fingertips press with, in W, in newtons,
+    smoothed with a time constant of 10 ms; NaN if a position, velocity or torque is not finite. The
+    torques that accelerate the hand are those that its mass matrix explains, and do not count: the
+    rest is the external torque of a momentum observer (De Luca & Mattone, 2005).
 
     Port `J_WT` emits a vector of 3n nq: the Jacobians of the fingertips' velocities in W, shape (n,
     3, nq); NaN if a position is not finite.
 
     Args:
         hand: Kinematics of the hand.
+        period: Seconds between measurements: the time step of the hand's plant.
+
+    Raises:
+        InvalidArgumentError: If `period` is not positive.
     """
 
-    def __init__(self, hand: HandKinematics) -> None:
+    def __init__(self, hand: HandKinematics, period: float) -> None:
         super().__init__()
-        self._hand = hand
+        if not period > 0:
+            raise InvalidArgumentError(f"period must be greater than 0 s, not {period}")
+        self._hand, self._period = hand, period
+        self._newest = 1 - math.exp(-period / _SMOOTHING)
+        self._no_forces = MultibodyForces(hand.plant)
         nq, n = hand.num_positions, 3 * len(hand.tip_frames)
+        # External torques, and then the velocities and the time of the last measurement.
+        self._last = self.DeclareDiscreteState(np.repeat([0.0, np.nan], [nq, nq + 1]))
         self._state = self.DeclareVectorInputPort("hand_state", 2 * nq)
         self._actuation = self.DeclareVectorInputPort("net_actuation", nq)
-        self._inertial = self.DeclareVectorInputPort("inertial_torque", nq)
         model, words = hand.pose(np.zeros(nq)), "kinematics at the measured positions"
         self._pose = pose = declare_cache(self, words, model, self._calc_pose, self._state)
+        words = "the hand in its measured state"
+        self._placed = declare_context(self, words, hand.plant, self._place, self._state)
         declare_output(self, "p_WT", n, lambda context: pose.Eval(context).p_WT, pose)
-        loads = self._actuation, self._inertial
-        declare_output(self, "f_T_W", n, self._calc_forces, pose, *loads)
+        declare_output(self, "f_T_W", n, self._calc_forces, pose, self.xd_ticket())
         declare_output(self, "J_WT", n * nq, lambda context: pose.Eval(context).J_WT, pose)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._measure)
 
     def _calc_pose(self, context: Context) -> HandPose:
         q = self._state.Eval(context)[: self._hand.num_positions]
         return self._hand.pose(q if are_valid(q) else np.full(len(q), np.nan))
 
+    def _place(self, context: Context, placed: Context) -> None:
+        self._hand.plant.SetPositionsAndVelocities(placed, self._state.Eval(context))
+
+    def _measure(self, context: Context, discrete_state: DiscreteValues) -> None:
+        time, nq = context.get_time(), self._hand.num_positions
+        last: FloatArray = context.get_discrete_state(self._last).value().copy()
+        external, v_last = last[: 2 * nq].reshape(2, nq)
+        state, actuation = self._state.Eval(context), self._actuation.Eval(context)
+        v = state[nq:]
+        if not (are_valid(state) and are_valid(actuation)):
+            external = np.full(nq, np.nan)
+        elif abs(time - last[-1] - self._period) < TIME_ROUNDING:
+            placed = self._placed.Eval(context)
+            acceleration = (v - v_last) / self._period
+            inertial = self._hand.plant.CalcInverseDynamics(placed, acceleration, self._no_forces)
+            newest = actuation - inertial
+            external = np.where(are_valid(external), external, newest)
+            external += self._newest * (newest - external)
+        discrete_state.set_value(self._last, np.concatenate([external, v, [time]]))
+
     def _calc_forces(self, context: Context) -> FloatArray:
         pose: HandPose = self._pose.Eval(context)
-        actuation = self._actuation.Eval(context)
-        if self._inertial.HasValue(context):
-            actuation = actuation - self._inertial.Eval(context)
-        if not (are_valid(pose.p_WT) and are_valid(actuation)):
+        external = context.get_discrete_state(self._last).value()[: self._hand.num_positions]
+        if not (are_valid(pose.p_WT) and are_valid(external)):
             return np.full(pose.p_WT.size, np.nan)
-        return self._hand.tip_forces(pose.J_WT, actuation)
+        return self._hand.tip_forces(pose.J_WT, external.copy())
