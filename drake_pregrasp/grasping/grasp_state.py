@@ -309,11 +309,11 @@ class GraspState:
         return self.active & self.touched
 
     def force_limits(self, touch_force: float) -> FloatArray:
-        """Returns the largest horizontal and vertical force of each finger, in N, shape (n, 2).
+        """Returns the largest force of each finger against its normal, and across it, shape (n, 2).
 
-        Until the squeeze is complete, and while a hand that has not gripped backs off, fingers
-        press with at most half the touch force more than they should. Without a touch, their
-        vertical forces are those of the motion, and not limited.
+        In newtons. Until the squeeze is complete, and while a hand that has not gripped backs off,
+        fingers press with at most half the touch force more than they should. Without a touch,
+        forces across the normal are those of the motion, and not limited.
 
         Args:
             touch_force: Least normal force that counts as touch.

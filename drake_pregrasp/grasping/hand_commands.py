@@ -23,8 +23,9 @@ class GraspCommand:
             values press.
         fingers_hold: Whether each finger holds its contact, or closes on it, shape (n,).
         f_T_W: Forces that the fingertips should press with, in W, shape (n, 3), in newtons.
-        force_limits: Largest horizontal and vertical force of each fingertip, shape (n, 2), in
-            newtons; `NO_LIMIT` for none.
+        nhat_W: Outward unit normals at the contacts in W, shape (n, 3).
+        force_limits: Largest force of each fingertip against its normal, and across it, shape
+            (n, 2), in newtons; `NO_LIMIT` for none.
     """
 
     R_WO: FloatArray
@@ -38,4 +39,5 @@ class GraspCommand:
     standoffs: FloatArray
     fingers_hold: BoolArray
     f_T_W: FloatArray
+    nhat_W: FloatArray
     force_limits: FloatArray

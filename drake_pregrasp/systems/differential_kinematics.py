@@ -64,7 +64,6 @@ class DifferentialKinematics(LeafSystem):
         output_ports:
         - desired_state
         - blocked_finger
-        - inertial_torque
 
     Port `goals` accepts `HandGoals`, as `HandGoalShaper` emits them.
 
@@ -78,17 +77,15 @@ class DifferentialKinematics(LeafSystem):
     Port `hand_state` (optional) accepts a vector of 2 nq: measured positions and velocities of the
     joints. The forces of fingers are limited only if it is connected and finite.
 
-    Port `desired_state` emits a vector of 2 nq: q + K_p^-1 (J^T f + tau) with the reference q, the
-    forces f and `inertial_torque` tau, then the velocities. Joints that are held at these positions
-    by their proportional gains K_p press with f. A finger that would press with more than its limit
-    yields: its desired positions give way to what holds it back.
+    Port `desired_state` emits a vector of 2 nq: q + K_p^-1 (J^T f + tau) with the reference q and
+    the forces f, then the velocities. Joints that are held at these positions by their proportional
+    gains K_p press with f. A finger that would press with more than its limits yields: its desired
+    positions give way to what holds it back. The torques tau are zero unless `feeds_inertia` is
+    set, and else M(q) dv/dt with the mass matrix M of the hand, without dv/dt of the own joints of
+    fingers that press: torques that brake them as they touch would lift them off.
 
     Port `blocked_finger` emits a vector of 1: the index of the finger that stops the hand, `BASE`,
     or `NOT_BLOCKED`, as of the last tick.
-
-    Port `inertial_torque` emits a vector of nq: M(q) dv/dt with the mass matrix M of the hand,
-    in N m (and N), as of the last tick; zero unless `feeds_inertia` is set. Without dv/dt of the
-    own joints of fingers that press: torques that brake them as they touch would lift them off.
 
     At each tick the velocities v of the joints minimise the errors of goals J v - V first and of
     the posture second (`joint_velocities`), within the limits of speed and acceleration of the
@@ -154,8 +151,9 @@ class DifferentialKinematics(LeafSystem):
         # The time of the last tick, and then the reference q, v, and the v before.
         start = np.concatenate([[0.0], initial, np.zeros(2 * nq)])
         self._reference = self.DeclareDiscreteState(start)
-        # Torques for the forces of the fingertips, and the limits of these forces.
-        self._pressing = self.DeclareDiscreteState(np.repeat([0.0, NO_LIMIT], [nq, 2 * n]))
+        # Torques for the forces of the fingertips, the limits of their forces, and their normals.
+        pressing = np.repeat([0.0, NO_LIMIT, 0.0], [nq, 2 * n, 3 * n])
+        self._pressing = self.DeclareDiscreteState(pressing)
         self._blocked = self.DeclareDiscreteState([float(NOT_BLOCKED)])
         self._goal_rates = self.DeclareDiscreteState(3 * n)  # Velocities of the last goals.
         self._inertial = self.DeclareDiscreteState(nq)
@@ -173,7 +171,6 @@ class DifferentialKinematics(LeafSystem):
         sources = (time, stored, self._state)
         ports.declare_output(self, "desired_state", 2 * nq, self._calc_desired, *sources)
         self.DeclareStateOutputPort("blocked_finger", self._blocked)
-        self.DeclareStateOutputPort("inertial_torque", self._inertial)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
     def _moved(self, context: Context) -> tuple[float, FloatArray, FloatArray, FloatArray]:
@@ -212,7 +209,7 @@ class DifferentialKinematics(LeafSystem):
             discrete_state.set_value(self._inertial, inertial)
         reference = np.concatenate([[context.get_time()], q, v, v_last])
         discrete_state.set_value(self._reference, reference)
-        pressing = np.concatenate([torques, command.force_limits], axis=None)
+        pressing = np.concatenate([torques, command.force_limits, command.nhat_W], axis=None)
         discrete_state.set_value(self._pressing, pressing)
         discrete_state.set_value(self._blocked, [float(blocked)])
         goals: HandGoals = self._goals.Eval(context)
@@ -262,7 +259,8 @@ class DifferentialKinematics(LeafSystem):
     def _calc_desired(self, context: Context) -> FloatArray:
         elapsed, q, v, v_last = self._moved(context)
         pressing = context.get_discrete_state(self._pressing).value()
-        torques, limits = pressing[: len(q)], pressing[len(q) :].reshape(-1, 2)
+        n = len(self._hand.frames)
+        torques, limits, nhat_W = np.split(pressing, [len(q), len(q) + 2 * n])
         is_free = np.where(v > 0, q < self._hand.upper, q > self._hand.lower)
         inertial = context.get_discrete_state(self._inertial).value()
         q, v = q + (torques + inertial) / self._hand.stiffness, v * is_free
@@ -278,5 +276,7 @@ class DifferentialKinematics(LeafSystem):
         v_known = v_last if elapsed < 1.5 * self._step else v
         behind = q - elapsed * (v - v_known) - (q_now + self._step * v_now)
         torques = hand.stiffness * behind + hand.damping * (v_known - v_now) - inertial
-        allowed = hand.with_limited_forces(self._pose.Eval(context).J_WT, torques, limits)
+        J_WT = self._pose.Eval(context).J_WT
+        limits, nhat_W = limits.reshape(n, 2), nhat_W.reshape(n, 3)
+        allowed = hand.with_limited_forces(J_WT, torques, limits, nhat_W)
         return np.concatenate([q - (torques - allowed) / hand.stiffness, v])

@@ -256,12 +256,13 @@ class GraspSequencer(LeafSystem):
                 left = float((p_WL - p_WO - p_GL_W) @ axis)
                 standoffs = self._passing_gaps(context, standoffs, left, axis @ R_WG)
                 p_WG, V_WG = p_WL - p_GL_W, np.array([V_WG[0], v_WL - skew(V_WG[0]) @ p_GL_W])
+        nhat = self._contact_frames(context)[1]
         if state.forces.any():
             since = 0.0 if memory.stands else time - memory.last.time
             forces = state.planned_forces(since, settings)
             forces += self._held.restoring_forces(context, R_WG, p_WG + raised * axis)
         else:
-            forces = state.touch_forces(self._contact_frames(context)[1], settings.touch_force)
+            forces = state.touch_forces(nhat, settings.touch_force)
         return GraspCommand(
             R_WO=R_WO,
             p_WO=p_WO,
@@ -274,6 +275,7 @@ class GraspSequencer(LeafSystem):
             standoffs=standoffs,
             fingers_hold=state.fingers_hold,
             f_T_W=forces @ R_WG.T,
+            nhat_W=np.nan_to_num(nhat @ R_WG.T),
             force_limits=state.force_limits(settings.touch_force),
         )
 

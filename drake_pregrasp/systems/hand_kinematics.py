@@ -106,20 +106,24 @@ class HandKinematics:
         return np.asarray(1 / np.maximum(compliance, 1 / _STIFFEST))
 
     def with_limited_forces(
-        self, J_WT: FloatArray, torques: FloatArray, limits: FloatArray
+        self, J_WT: FloatArray, torques: FloatArray, limits: FloatArray, nhat_W: FloatArray
     ) -> FloatArray:
-        """Returns joint torques, less for fingers that would press beyond a limit.
+        """Returns joint torques, less for fingers that would press or rub beyond a limit.
+
+        Forces away from the surface have no limit.
 
         Args:
             J_WT: Jacobians of the fingertips' velocities, shape (n, 3, nq).
             torques: Torques of all joints, shape (nq,), in N m.
-            limits: Largest horizontal and vertical force of each fingertip, shape (n, 2), in
-                newtons.
+            limits: Largest force of each fingertip against its normal, and across it, shape (n, 2),
+                in newtons.
+            nhat_W: Outward unit normals at the contacts in W, shape (n, 3).
         """
         forces = self.tip_forces(J_WT, torques)
-        sizes = np.stack([norms(forces[:, :2]), np.abs(forces[:, 2])], axis=1)
-        shares = np.maximum(0.0, 1 - limits / np.maximum(sizes, 1e-9))
-        excess = forces * shares[:, [0, 0, 1]]
+        presses = -np.add.reduce(forces * nhat_W, axis=1)
+        along = forces + presses[:, None] * nhat_W
+        shares = np.maximum(0.0, 1 - limits[:, 1] / np.maximum(norms(along), 1e-9))
+        excess = shares[:, None] * along - np.maximum(0.0, presses - limits[:, 0])[:, None] * nhat_W
         own = (J_WT * self._is_own[:, None]).reshape(-1, len(torques))
         return np.asarray(torques - excess.ravel() @ own)
 
