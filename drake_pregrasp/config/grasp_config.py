@@ -97,8 +97,8 @@ class GraspConfig:
     # Speed of closing fingertips, in m/s.
     closing_speed: float = field(default=0.04, metadata=_LENGTH)
 
-    # Acceleration of closing fingertips, in m/s²: so small that their inertia is not measured as
-    # touch. Closing takes as long as distance, speed and acceleration require.
+    # Acceleration of closing fingertips, in m/s². Closing takes as long as distance, speed and
+    # acceleration require.
     closing_acceleration: float = field(default=0.2, metadata={"above": 0, "at_most": 100})
 
     # Smallest force that counts as touch, in newtons.

@@ -263,7 +263,7 @@ def _moved_by_touch(
     # A fingertip that bounces off the surface is still touching while something holds it back.
     is_held_back = state.touched & (view.gaps - state.standoffs > _STRAIN / 2)
     is_held_back &= np.abs(view.surface_gaps) <= _STRAIN
-    # What is far from its goal is on the way to it, and feels the force that accelerates it.
+    # What is far from its goal is on the way to it, and what it feels there is another contact.
     arrived = np.abs(view.gaps - state.standoffs) <= _ON_THE_WAY * settings.gate_distance
     touched = state.active & arrived & ~behind & ((view.presses >= least) | is_held_back)
     elapsed = view.time - state.since

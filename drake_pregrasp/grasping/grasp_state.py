@@ -130,8 +130,7 @@ class GraspSettings:
             for enough fingers whose forces can balance the weight. After it, fingers that are off
             their goals take no part.
         closing_speed: Speed of the fingertips along the normals.
-        closing_acceleration: Acceleration of the fingertips, in m/s², small enough that their
-            inertia is not measured as touch.
+        closing_acceleration: Acceleration of the fingertips, in m/s².
         correction_limit: Longest time by which an object that is not where it is estimated may
             delay the touch of all fingers.
         search: Depth below the surface to which a fingertip searches for the object, and the

@@ -129,7 +129,7 @@ class GraspSequencer(LeafSystem):
     fingers hold the object, as it is commanded, and not as `V_WO_estimated` has it; else NaN.
 
     Port `touching` emits a vector of n: 1 for each fingertip that touches the object, as of the
-    last tick, else 0. Before the hand closes, forces are those that accelerate the fingers.
+    last tick, else 0. Before the hand closes, no fingertip counts as touching.
 
     Port `late_fingers` emits a vector of n: 1 for a finger that cannot be at its contact when the
     hand closes, which is `gate_limit` after the meeting at the latest; else 0.

@@ -25,7 +25,7 @@ from drake_pregrasp.systems.interception_planner import InterceptionPlanner
 from drake_pregrasp.systems.sources import HandFramePose
 
 N, NQ, RADIUS = 5, 19, 0.009
-PERIOD, CONTROL_PERIOD = 0.05, 0.02
+PERIOD, CONTROL_PERIOD, TIME_STEP = 0.05, 0.02, 0.0025
 SETTINGS = dp.GraspConfig().make_settings()
 X_WO = RigidTransform(RollPitchYaw(0.2, -0.4, 1.0), [0.5, -0.3, 0.2])
 CUBE = dp.BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1))
@@ -150,6 +150,7 @@ def grasp_command(X_WO=None, X_WG=None, V_WO=None, V_WG=None, **changes):
         "standoffs": np.full(N, dp.GraspConfig().standoff),
         "fingers_hold": np.zeros(N, dtype=bool),
         "f_T_W": np.zeros((N, 3)),
+        "nhat_W": np.tile([1.0, 0.0, 0.0], (N, 1)),
         "force_limits": np.full((N, 2), NO_LIMIT),
     }
     return GraspCommand(**(fields | changes))
@@ -205,7 +206,7 @@ MAKERS = {
     ),
     "selector": lambda: make_selector(SURFACE, P_OC),
     "hand pose": lambda: HandFramePose(X_G),
-    "fingertip sensor": lambda: dp.FingertipSensor(HAND.kinematics),
+    "fingertip sensor": lambda: dp.FingertipSensor(HAND.kinematics, TIME_STEP),
     "kinematics": make_kinematics,
     "shaper": lambda: make_shaper(lead=0.03, target_period=CONTROL_PERIOD),
     "sequencer": make_sequencer,
@@ -272,7 +273,6 @@ VALUES = {
     "f_T_W": (np.full(3 * N, 2.0), np.zeros(3 * N)),
     "touching": (np.ones(N), np.zeros(N)),
     "J_WT": (np.zeros(3 * N * NQ), np.ones(3 * N * NQ)),
-    "inertial_torque": (np.zeros(NQ), np.ones(NQ)),
     "hand_state": (np.zeros(2 * NQ), np.full(2 * NQ, 0.1)),
     "net_actuation": (np.ones(NQ), np.full(NQ, 2.0)),
 }

@@ -5,19 +5,33 @@ import itertools
 import numpy as np
 import pytest
 from driven import Driven
-from made_systems import FORCES, HAND, NQ, N, Q, joint_torques
+from made_systems import FORCES, HAND, NQ, TIME_STEP, N, Q, joint_torques
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import MultibodyForces
 
 from drake_pregrasp import HandModel, InvalidArgumentError, load_hand
 from drake_pregrasp.systems.fingertip_sensor import FingertipSensor
 from drake_pregrasp.systems.hand_kinematics import HandKinematics
 
+LONG = 0.3  # Seconds after which forces are no longer smoothed.
+
+
+def resting_sensor(q, torques, hand=HAND.kinematics):
+    """A sensor of a hand that has rested for long."""
+    inputs = {"hand_state": np.append(q, 0 * q), "net_actuation": torques}
+    sensor = Driven(FingertipSensor(hand, TIME_STEP), **inputs)
+    sensor.advance(LONG)
+    return sensor
+
+
+def felt(sensor):
+    return sensor.array("f_T_W").reshape(-1, 3)
+
 
 def test_a_sensor_feels_what_fingers_press_with():
-    inputs = {"hand_state": np.append(Q, 0 * Q), "net_actuation": joint_torques(FORCES)}
-    sensor = Driven(FingertipSensor(HAND.kinematics), **inputs)
-    np.testing.assert_allclose(sensor.array("f_T_W").reshape(N, 3), FORCES, atol=1e-6)
+    sensor = resting_sensor(Q, joint_torques(FORCES))
+    np.testing.assert_allclose(felt(sensor), FORCES, atol=1e-6)
     np.testing.assert_allclose(sensor.array("p_WT").reshape(N, 3), HAND.tips_at(Q), atol=1e-12)
 
 
@@ -26,14 +40,13 @@ def test_a_stretched_finger_shows_no_force_that_its_torques_hide(curl):
     fingers = np.tile([0.0, 0.3, curl], N)
     q = np.append(np.zeros(4), fingers)  # The carrier comes first.
     torque = 0.02  # Of noise, in N m; a finger is 0.2 m long.
-    inputs = {"hand_state": np.append(q, 0 * q), "net_actuation": np.full(NQ, torque)}
-    sensor = Driven(FingertipSensor(HAND.kinematics), **inputs)
-    assert np.max(np.linalg.norm(sensor.array("f_T_W").reshape(N, 3), axis=1)) < 3.0
+    sensor = resting_sensor(q, np.full(NQ, torque))
+    assert np.max(np.linalg.norm(felt(sensor), axis=1)) < 3.0
     across = np.tile([0.0, 0.0, 0.0], (N, 1))
     across[0] = [0.0, 1.0, 0.0]  # The first finger hangs in the plane x-z.
     J = sensor.array("J_WT").reshape(N, 3, NQ)
-    sensor.fix(net_actuation=np.einsum("nij,ni->j", J, across))
-    np.testing.assert_allclose(sensor.array("f_T_W").reshape(N, 3), across, atol=1e-6)
+    sensor = resting_sensor(q, np.einsum("nij,ni->j", J, across))
+    np.testing.assert_allclose(felt(sensor), across, atol=1e-6)
 
 
 def test_a_finger_of_one_joint_feels_the_force_along_its_motion_alone():
@@ -42,10 +55,9 @@ def test_a_finger_of_one_joint_feels_the_force_along_its_motion_alone():
     pressed = FORCES[:2]
     J = gripper.kinematics.pose(q).J_WT
     torques = np.einsum("nij,ni->j", J, pressed)
-    inputs = {"hand_state": np.append(q, 0 * q), "net_actuation": torques}
-    felt = Driven(FingertipSensor(gripper.kinematics), **inputs).array("f_T_W").reshape(2, 3)
+    forces = felt(resting_sensor(q, torques, gripper.kinematics))
     line = np.array([np.cos(0.4), np.sin(0.4), 0.0])
-    np.testing.assert_allclose(felt, np.outer(pressed @ line, line), atol=1e-6)
+    np.testing.assert_allclose(forces, np.outer(pressed @ line, line), atol=1e-6)
 
 
 def test_the_stiffness_of_a_finger_is_the_inverse_of_its_compliance():
@@ -105,10 +117,53 @@ def test_a_model_instance_that_is_not_there_is_named():
         HandKinematics(HAND.kinematics.plant, ["foot::tip"])
 
 
-def test_torques_that_accelerate_the_hand_are_no_forces_of_the_fingertips():
-    inertial = 0.1 * np.cos(np.arange(NQ))
-    inputs = {"hand_state": np.append(Q, 0 * Q), "inertial_torque": inertial}
-    sensor = Driven(FingertipSensor(HAND.kinematics), net_actuation=inertial, **inputs)
-    np.testing.assert_allclose(sensor.array("f_T_W"), 0, atol=1e-12)
-    sensor.fix(net_actuation=inertial + joint_torques(FORCES))
-    np.testing.assert_allclose(sensor.array("f_T_W").reshape(N, 3), FORCES, atol=1e-6)
+def moving_hand(forces, seconds):
+    """A sensor of a hand that swings, whose fingertips press with constant forces."""
+    hand, rng = HAND.kinematics, np.random.default_rng(2)
+    sensor = Driven(
+        FingertipSensor(hand, TIME_STEP), hand_state=np.zeros(2 * NQ), net_actuation=np.zeros(NQ)
+    )
+    plant, none = hand.plant, MultibodyForces(hand.plant)
+    context = plant.CreateDefaultContext()
+    q, v, phases = Q.copy(), np.zeros(NQ), rng.uniform(0, 2 * np.pi, NQ)
+    for step in range(round(seconds / TIME_STEP)):
+        change = 10.0 * TIME_STEP * np.cos(20.0 * step * TIME_STEP + phases)
+        v = v + change
+        q = q + TIME_STEP * v
+        plant.SetPositionsAndVelocities(context, np.append(q, v))
+        torques = plant.CalcInverseDynamics(context, change / TIME_STEP, none)
+        torques += np.einsum("nij,ni->j", hand.pose(q).J_WT, forces)
+        sensor.fix(hand_state=np.append(q, v), net_actuation=torques)
+        sensor.tick()
+    return sensor, torques
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_torques_that_accelerate_the_hand_are_no_forces_of_the_fingertips(share):
+    sensor, torques = moving_hand(share * FORCES, 0.2)
+    inertial = HAND.kinematics.tip_forces(sensor.array("J_WT").reshape(N, 3, NQ), torques)
+    assert np.max(np.abs(inertial - share * FORCES)) > 0.2
+    np.testing.assert_allclose(felt(sensor), share * FORCES, atol=0.02)
+
+
+def test_measured_forces_follow_with_a_time_constant():
+    sensor = resting_sensor(Q, np.zeros(NQ))
+    sensor.fix(net_actuation=joint_torques(FORCES))
+    before = sensor.context.get_time()
+    for _ in range(8):
+        sensor.tick()
+        expected = 1 - np.exp((before - sensor.context.get_time()) / 0.01)
+        np.testing.assert_allclose(felt(sensor), expected * FORCES, atol=1e-6)
+
+
+def test_a_clock_that_is_set_back_makes_no_force():
+    sensor = resting_sensor(Q, np.zeros(NQ))
+    sensor.at(0.0, hand_state=np.append(Q, np.ones(NQ)))
+    sensor.update()
+    np.testing.assert_allclose(felt(sensor), 0, atol=1e-9)
+
+
+@pytest.mark.parametrize("period", [0.0, -0.01, np.nan])
+def test_a_sensor_needs_a_period(period):
+    with pytest.raises(InvalidArgumentError, match="period must be greater than 0 s"):
+        FingertipSensor(HAND.kinematics, period)

@@ -129,6 +129,11 @@ def test_what_fingers_feel_is_unknown_where_their_joints_are():
     sensor = made_systems.driven("fingertip sensor")
     sensor.fix(hand_state=np.full(2 * made_systems.NQ, np.nan))
     assert np.all(np.isnan(sensor.numbers()))
+    sensor.tick(2)
+    assert np.all(np.isnan(sensor.numbers()))
+    sensor.fix(hand_state=np.zeros(2 * made_systems.NQ))
+    sensor.tick(4)
+    assert np.all(np.isfinite(sensor.numbers()))
 
 
 def test_contacts_without_a_place_do_not_count():
