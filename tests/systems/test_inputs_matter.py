@@ -49,7 +49,7 @@ def test_outputs_follow_their_inputs(name):
             fresh.context.SetDiscreteState(3, np.arange(3.0 * N))
             fresh.context.SetTime(CONTROL_PERIOD)
         if name == "kinematics":  # Forces are limited, so that measured positions matter.
-            fresh.context.SetDiscreteState(1, np.repeat([0.0, 0.1], [NQ, 2 * N]))
+            fresh.context.SetDiscreteState(1, np.repeat([0.0, 0.1, 0.5], [NQ, 2 * N, 3 * N]))
         if name == "interception":  # With this plan, the palm follows the object.
             fresh.context.SetDiscreteState(0, pack(MEETING))
         if name.startswith("estimator"):  # With this state, the estimate depends on all its inputs.
