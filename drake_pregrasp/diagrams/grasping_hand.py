@@ -72,6 +72,7 @@ def add_grasping_hand(
     X_WO: RigidTransform,
     fixed: Sequence[Solid],
     plant_time_step: float,
+    has_sampled_outputs: bool,
     weights: System,
     obstacles: System,
     kernels: Kernels,
@@ -95,6 +96,7 @@ def add_grasping_hand(
         X_WO: Pose of an object over which the hand starts; mostly its initial pose.
         fixed: Solids in W that fingertips avoid, such as the table.
         plant_time_step: Time step of the hand's plant, in seconds.
+        has_sampled_outputs: Whether its actuation is that of its last time step.
         weights: System that emits `contact_weights`.
         obstacles: System that emits the `obstacles` of contacts, `fixed` among them.
         kernels: Implementation of what takes most of a tick, for planner and controller.
@@ -122,6 +124,7 @@ def add_grasping_hand(
             # Goals of another source do not wait for the planner's ticks.
             target_period=planner.period if goals is None else config.period,
             plant_time_step=plant_time_step,
+            has_sampled_outputs=has_sampled_outputs,
             gravity=planner.estimator.gravity,
             diffusion=planner.estimator.acceleration**2,
             kernels=kernels,
@@ -240,6 +243,7 @@ def AddHandController(
         X_WO=X_WO,
         fixed=fixed,
         plant_time_step=plant.time_step(),
+        has_sampled_outputs=plant.has_sampled_output_ports(),
         weights=builder.AddNamedSystem(
             "contact_weights", ContactWeights(np.zeros(len(start.p_OC)), away)
         ),

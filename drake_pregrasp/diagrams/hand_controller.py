@@ -87,6 +87,8 @@ class HandController(Diagram):
         p_OC: Initial contacts in O, in the order of the fingers, shape (n, 3), in metres.
         target_period: Seconds between ticks of the planner.
         plant_time_step: Time step of the hand's plant, in seconds.
+        has_sampled_outputs: Whether its actuation is that of its last time step, as for
+            `FingertipSensor`.
         gravity: Acceleration of the object along -z of W until the hand has gripped it, in m/s².
         diffusion: Spectral density of its random acceleration, in m²/s³.
         kernels: Implementation of the kinematics; that of `default_kernels` by default.
@@ -116,6 +118,7 @@ class HandController(Diagram):
         p_OC: FloatArray,
         target_period: float,
         plant_time_step: float,
+        has_sampled_outputs: bool = False,
         gravity: float = 0.0,
         diffusion: float = 0.0,
         kernels: Kernels | None = None,
@@ -193,7 +196,8 @@ class HandController(Diagram):
             ),
         )
         sensor = builder.AddNamedSystem(
-            "fingertip_sensor", FingertipSensor(scene.hand, plant_time_step)
+            "fingertip_sensor",
+            FingertipSensor(scene.hand, plant_time_step, is_sampled=has_sampled_outputs),
         )
         R_WO = X_WO.rotation().matrix()
         meeting = meeting_settings(

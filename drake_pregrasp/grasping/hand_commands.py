@@ -23,7 +23,7 @@ class GraspCommand:
             values press.
         fingers_hold: Whether each finger holds its contact, or closes on it, shape (n,).
         f_T_W: Forces that the fingertips should press with, in W, shape (n, 3), in newtons.
-        nhat_W: Outward unit normals at the contacts in W, shape (n, 3).
+        nhat_W: Outward unit normals at the contacts in W, shape (n, 3); zero if unknown.
         force_limits: Largest force of each fingertip against its normal, and across it, shape
             (n, 2), in newtons; `NO_LIMIT` for none.
     """

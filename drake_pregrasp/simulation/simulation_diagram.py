@@ -14,7 +14,7 @@ from drake_pregrasp.diagrams.grasping_hand import GraspingHand, add_grasping_han
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_station import HandStation
-from drake_pregrasp.diagrams.object_plant import TABLE, ForceMakers, ObjectPlant
+from drake_pregrasp.diagrams.object_plant import MUJOCO, TABLE, ForceMakers, ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.simulation.obstacle_config import moving_solid
@@ -227,6 +227,7 @@ def add_hand(
         X_WO=resolved.X_WO_waiting,
         fixed=[TABLE.solid],
         plant_time_step=resolved.plant_config.time_step,
+        has_sampled_outputs=scenario.engine == MUJOCO,
         weights=weights,
         obstacles=obstacles,
         kernels=resolved.kernels,

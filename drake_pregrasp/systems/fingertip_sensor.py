@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.multibody.tree import MultibodyForces
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-from drake_pregrasp.arrays import TIME_ROUNDING, FloatArray, are_valid
+from drake_pregrasp.arrays import FloatArray, are_valid
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.forward_kinematics import HandPose
 from drake_pregrasp.systems.hand_kinematics import HandKinematics
@@ -31,17 +31,19 @@ class FingertipSensor(LeafSystem):
 
     Port `hand_state` accepts a vector of 2 nq: positions and velocities of the hand's joints.
 
-    Port `net_actuation` accepts a vector of nq: torques (and forces) of the joints in N m (and N),
-    from MultibodyPlant's port of that name. The model neglects gravity, or assumes that it is
-    compensated: only forces at the fingertips and inertia load the fingers.
+    Port `net_actuation` (optional) accepts a vector of nq: torques (and forces) of the joints in N
+    m (and N), from MultibodyPlant's port of that name. The model neglects gravity, or assumes that
+    it is compensated: only forces at the fingertips and inertia load the fingers. If it is
+    unconnected, forces are unknown.
 
     Port `p_WT` emits a vector of 3n: the fingertips' centres in W, in metres; NaN if a position of
     the hand is not finite.
 
     Port `f_T_W` emits a vector of 3n: the forces that the fingertips press with, in W, in newtons,
     smoothed with a time constant of 10 ms; NaN if a position, velocity or torque is not finite. The
-    torques that accelerate the hand are those that its mass matrix explains, and do not count: the
-    rest is the external torque of a momentum observer (De Luca & Mattone, 2005).
+    torques that accelerate the hand do not count: J^T f = tau - M dv/dt - C v with the acceleration
+    since the last measurement. In continuous time, this is a momentum observer (De Luca & Mattone,
+    2005).
 
     Port `J_WT` emits a vector of 3n nq: the Jacobians of the fingertips' velocities in W, shape (n,
     3, nq); NaN if a position is not finite.
@@ -49,21 +51,23 @@ class FingertipSensor(LeafSystem):
     Args:
         hand: Kinematics of the hand.
         period: Seconds between measurements: the time step of the hand's plant.
+        is_sampled: Whether the actuation is that of the last time step, as that of MultibodyPlant's
+            sampled ports; else it is that of the next one.
 
     Raises:
         InvalidArgumentError: If `period` is not positive.
     """
 
-    def __init__(self, hand: HandKinematics, period: float) -> None:
+    def __init__(self, hand: HandKinematics, period: float, *, is_sampled: bool = False) -> None:
         super().__init__()
         if not period > 0:
             raise InvalidArgumentError(f"period must be greater than 0 s, not {period}")
-        self._hand, self._period = hand, period
+        self._hand, self._period, self._is_sampled = hand, period, is_sampled
         self._newest = 1 - math.exp(-period / _SMOOTHING)
         self._no_forces = MultibodyForces(hand.plant)
         nq, n = hand.num_positions, 3 * len(hand.tip_frames)
-        # External torques, and then the velocities and the time of the last measurement.
-        self._last = self.DeclareDiscreteState(np.repeat([0.0, np.nan], [nq, nq + 1]))
+        # Torques J^T f, and then velocities, actuation and time of the last measurement.
+        self._last = self.DeclareDiscreteState(np.repeat([0.0, np.nan], [nq, 2 * nq + 1]))
         self._state = self.DeclareVectorInputPort("hand_state", 2 * nq)
         self._actuation = self.DeclareVectorInputPort("net_actuation", nq)
         model, words = hand.pose(np.zeros(nq)), "kinematics at the measured positions"
@@ -85,23 +89,26 @@ class FingertipSensor(LeafSystem):
     def _measure(self, context: Context, discrete_state: DiscreteValues) -> None:
         time, nq = context.get_time(), self._hand.num_positions
         last: FloatArray = context.get_discrete_state(self._last).value().copy()
-        external, v_last = last[: 2 * nq].reshape(2, nq)
-        state, actuation = self._state.Eval(context), self._actuation.Eval(context)
-        v = state[nq:]
+        pressing, v_last, actuation_last = last[:-1].reshape(3, nq)
+        state, actuation = self._state.Eval(context), np.full(nq, np.nan)
+        if self._actuation.HasValue(context):
+            actuation = self._actuation.Eval(context)
+        v, elapsed = state[nq:], time - last[-1]
         if not (are_valid(state) and are_valid(actuation)):
-            external = np.full(nq, np.nan)
-        elif abs(time - last[-1] - self._period) < TIME_ROUNDING:
+            pressing = v = actuation = np.full(nq, np.nan)
+        elif 0 < elapsed < 1.5 * self._period:  # The clock may have been set.
             placed = self._placed.Eval(context)
-            acceleration = (v - v_last) / self._period
+            acceleration = (v - v_last) / elapsed
             inertial = self._hand.plant.CalcInverseDynamics(placed, acceleration, self._no_forces)
-            newest = actuation - inertial
-            external = np.where(are_valid(external), external, newest)
-            external += self._newest * (newest - external)
-        discrete_state.set_value(self._last, np.concatenate([external, v, [time]]))
+            newest = (actuation if self._is_sampled else actuation_last) - inertial
+            pressing = np.where(are_valid(pressing), pressing, newest)
+            pressing += self._newest * (newest - pressing)
+        measured = np.concatenate([pressing, v, actuation, [time]])
+        discrete_state.set_value(self._last, measured)
 
     def _calc_forces(self, context: Context) -> FloatArray:
         pose: HandPose = self._pose.Eval(context)
-        external = context.get_discrete_state(self._last).value()[: self._hand.num_positions]
-        if not (are_valid(pose.p_WT) and are_valid(external)):
+        pressing = context.get_discrete_state(self._last).value()[: self._hand.num_positions]
+        if not (are_valid(pose.p_WT) and are_valid(pressing)):
             return np.full(pose.p_WT.size, np.nan)
-        return self._hand.tip_forces(pose.J_WT, external.copy())
+        return self._hand.tip_forces(pose.J_WT, pressing.copy())

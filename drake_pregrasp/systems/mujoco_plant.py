@@ -56,7 +56,8 @@ class MujocoPlant(LeafSystem):
 
     Port `state` emits a vector of nq + nv: positions and velocities of the plant.
 
-    Port `net_actuation` emits a vector of nu: torques or forces of the actuators, in N m or N.
+    Port `net_actuation` emits a vector of nu: torques or forces of the actuators, in N m or N, on
+    average over the last time step; zero at first.
 
     Port `body_poses` emits a list of `RigidTransform`: the poses of all bodies in W.
 
@@ -93,6 +94,9 @@ class MujocoPlant(LeafSystem):
         data.ctrl[:] = own.gains[:, 0] * data.qpos[own.driven]
         self._signature = self._mujoco.mjtState.mjSTATE_INTEGRATION
         self._state = self.DeclareDiscreteState(self._state_of(data))
+        self._actuation = self.DeclareDiscreteState(len(own.gains))
+        joints = own.model.actuator_trnid[:, 0]
+        self._rates = own.model.jnt_dofadr[joints]  # Index in `qvel` of each actuator's joint.
         tickets, model_value = {self.discrete_state_ticket(self._state)}, AbstractValue.Make(data)
         producer = ValueProducer(
             model_value.Clone,
@@ -105,7 +109,7 @@ class MujocoPlant(LeafSystem):
         self._forces = self.DeclareAbstractInputPort("applied_spatial_force", APPLIED_FORCES)
         self._desired: dict[ModelInstanceIndex, tuple[InputPort, list[int]]] = {}
         self._declare("state", plant.num_multibody_states(), self._plant_state)
-        self._declare("net_actuation", len(own.gains), lambda data: data.actuator_force)
+        self.DeclareStateOutputPort("net_actuation", self._actuation)
         self._declare("body_poses", BODY_POSES, self._body_poses)
         self._declare("contact_results", PAIR_FORCES, self._contacts)
         order = plant.GetJointActuatorIndices()
@@ -184,12 +188,20 @@ class MujocoPlant(LeafSystem):
             q[actuators], v[actuators] = port.Eval(context).reshape(2, -1)
         self._apply_forces(context, data)
         stiffness, damping = own.gains.T
+        step, impulse = own.model.opt.timestep, np.zeros(len(q))
         for left in range(own.substeps, -1, -1):
-            now = q - left * own.model.opt.timestep * v
-            data.ctrl[:] = stiffness * now + damping * v
+            data.ctrl[:] = stiffness * (q - left * step * v) + damping * v
             if left:  # The forces of the new state are those of the targets at its time.
+                before = data.qvel[self._rates]
                 self._mujoco.mj_step(own.model, data)
+                # Damping is integrated implicitly, so it acts on the velocities after the step,
+                # unless an effort is at its limit.
+                force, (low, high) = data.actuator_force, own.model.actuator_forcerange.T
+                is_free = (low < force) & (force < high)
+                change = data.qvel[self._rates] - before
+                impulse += step * (force - is_free * damping * change)
         discrete_state.set_value(self._state, self._state_of(data))
+        discrete_state.set_value(self._actuation, impulse / (own.substeps * step))
 
     def _apply_forces(self, context: Context, data: Any) -> None:
         """Applies the forces on bodies, which stay the same during the time step."""

@@ -9,8 +9,9 @@ from made_systems import FORCES, HAND, NQ, TIME_STEP, N, Q, joint_torques
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import MultibodyForces
+from pydrake.systems.analysis import Simulator
 
-from drake_pregrasp import HandModel, InvalidArgumentError, load_hand
+from drake_pregrasp import HandModel, InvalidArgumentError, load_hand, load_scenario, make_diagram
 from drake_pregrasp.systems.fingertip_sensor import FingertipSensor
 from drake_pregrasp.systems.hand_kinematics import HandKinematics
 
@@ -133,8 +134,10 @@ def moving_hand(forces, seconds):
         plant.SetPositionsAndVelocities(context, np.append(q, v))
         torques = plant.CalcInverseDynamics(context, change / TIME_STEP, none)
         torques += np.einsum("nij,ni->j", hand.pose(q).J_WT, forces)
-        sensor.fix(hand_state=np.append(q, v), net_actuation=torques)
-        sensor.tick()
+        sensor.fix(net_actuation=torques)  # From the last measurement to this one.
+        sensor.update()
+        sensor.at(sensor.context.get_time() + TIME_STEP, hand_state=np.append(q, v))
+    sensor.update()
     return sensor, torques
 
 
@@ -146,9 +149,32 @@ def test_torques_that_accelerate_the_hand_are_no_forces_of_the_fingertips(share)
     np.testing.assert_allclose(felt(sensor), share * FORCES, atol=0.02)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("engine", "most"), [("drake", 0.01), ("mujoco", 0.1)])
+def test_a_hand_that_follows_an_object_feels_nothing_before_it_touches(engine, most):
+    if engine == "mujoco":
+        pytest.importorskip("mujoco")
+    scenario = load_scenario("grasp_five_finger", text=f"engine: {engine}")
+    diagram = make_diagram(scenario)
+    simulator = Simulator(diagram)
+    sensor = diagram.GetSubsystemByName("hand_controller").GetSubsystemByName("fingertip_sensor")
+    context = sensor.GetMyContextFromRoot(simulator.get_context())
+    forces, inertial = [], []
+    for time in np.arange(1.0, scenario.grasp.close_at, scenario.grasp.period):
+        simulator.AdvanceTo(time)
+        J_WT = sensor.GetOutputPort("J_WT").Eval(context).reshape(N, 3, NQ)
+        torques = sensor.GetInputPort("net_actuation").Eval(context)
+        forces.append(sensor.GetOutputPort("f_T_W").Eval(context))
+        inertial.append(HAND.kinematics.tip_forces(J_WT, torques))
+    assert np.max(np.abs(forces)) < most
+    if engine == "drake":  # MuJoCo's drives have come to rest at the end of a tick.
+        assert np.max(np.abs(inertial)) > 1.0
+
+
 def test_measured_forces_follow_with_a_time_constant():
     sensor = resting_sensor(Q, np.zeros(NQ))
     sensor.fix(net_actuation=joint_torques(FORCES))
+    sensor.tick()  # These torques are those from now on.
     before = sensor.context.get_time()
     for _ in range(8):
         sensor.tick()
