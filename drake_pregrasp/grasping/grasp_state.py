@@ -24,6 +24,9 @@ NO_LIMIT = 1e6
 GENTLE = 1.5
 """Factor of the touch force: the largest force of a finger that touches."""
 
+HOLDING = 4.0
+"""Factor of the limit across the normals in the squeeze, where fingers hold the object in place."""
+
 WEIGHT_DURATION = 0.1
 """Time in which fingers take over the weight at the start of the lift, in seconds."""
 
@@ -311,8 +314,9 @@ class GraspState:
         """Returns the largest force of each finger against its normal, and across it, shape (n, 2).
 
         In newtons. Until the squeeze is complete, and while a hand that has not gripped backs off,
-        fingers press with at most half the touch force more than they should. Without a touch,
-        forces across the normal are those of the motion, and not limited.
+        fingers press with at most half the touch force more than they should. The limit across the
+        normal is as large, and `HOLDING` times as large in the squeeze. Without a touch, forces
+        across the normal are those of the motion, and not limited.
 
         Args:
             touch_force: Least normal force that counts as touch.
@@ -323,7 +327,8 @@ class GraspState:
         planned = self.applied_share(touch_force) * norms(self.internal)
         limits = np.maximum(planned + (GENTLE - 1) * touch_force, GENTLE * touch_force)
         is_limited = np.stack([self.active, self.active & self.touched], axis=1)
-        return np.where(is_limited, limits[:, None], NO_LIMIT)
+        across = HOLDING if self.phase == GraspPhase.SQUEEZE else 1.0
+        return np.where(is_limited, limits[:, None] * [1.0, across], NO_LIMIT)
 
     def applied_share(self, touch_force: float) -> float:
         """Returns the share of the planned forces with which fingers press.

@@ -12,6 +12,7 @@ from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.grasping.grasp_phases import GraspView, next_state
 from drake_pregrasp.grasping.grasp_state import (
     BASE,
+    HOLDING,
     NO_LIMIT,
     NOT_BLOCKED,
     GiveUp,
@@ -567,8 +568,10 @@ def test_forces_are_limited_to_little_more_than_planned_until_the_squeeze_is_com
         return
     assert closes == np.all(later[~FEW] < NO_LIMIT)  # What was gripped is set down with full force.
     wanted = np.linalg.norm(state.planned_forces(0.0, SETTINGS), axis=1)[~FEW, None]
-    np.testing.assert_allclose(limits[~FEW], np.tile(wanted + 0.5 * least, 2))
+    across = HOLDING if phase == GraspPhase.SQUEEZE else 1.0
+    np.testing.assert_allclose(limits[~FEW], (wanted + 0.5 * least) * [1.0, across])
     touching = replace(state, share=0.0, forces=NOTHING, internal=NOTHING)
-    np.testing.assert_allclose(touching.force_limits(least)[~FEW], 1.5 * least)
+    gentle = np.tile([1.5 * least, 1.5 * across * least], (3, 1))
+    np.testing.assert_allclose(touching.force_limits(least)[~FEW], gentle)
     free = replace(touching, touched=~ALL).force_limits(least)
     np.testing.assert_allclose(free[~FEW], np.tile([1.5 * least, NO_LIMIT], (3, 1)))
