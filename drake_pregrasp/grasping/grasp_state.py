@@ -311,12 +311,11 @@ class GraspState:
         return self.active & self.touched
 
     def force_limits(self, touch_force: float) -> FloatArray:
-        """Returns the largest force of each finger against its normal, and across it, shape (n, 2).
+        """Returns the largest force of each finger against and across its normal, (n, 2), in N.
 
-        In newtons. Until the squeeze is complete, and while a hand that has not gripped backs off,
-        fingers press with at most half the touch force more than they should. The limit across the
-        normal is as large, and `HOLDING` times as large in the squeeze. Without a touch, forces
-        across the normal are those of the motion, and not limited.
+        Until the squeeze is complete, and while a hand that has not gripped backs off, fingers
+        press with at most half the touch force more than they should. The limit across the normal
+        is as large, or `HOLDING` times that in the squeeze. Without a touch, there is none.
 
         Args:
             touch_force: Least normal force that counts as touch.

@@ -63,7 +63,7 @@ class FingertipSensor(LeafSystem):
         if not period > 0:
             raise InvalidArgumentError(f"period must be greater than 0 s, not {period}")
         self._hand, self._period, self._is_sampled = hand, period, is_sampled
-        self._newest = 1 - math.exp(-period / _SMOOTHING)
+        self._gain = 1 - math.exp(-period / _SMOOTHING)
         self._no_forces = MultibodyForces(hand.plant)
         nq, n = hand.num_positions, 3 * len(hand.tip_frames)
         # Torques J^T f, and then velocities, actuation and time of the last measurement.
@@ -102,7 +102,7 @@ class FingertipSensor(LeafSystem):
             inertial = self._hand.plant.CalcInverseDynamics(placed, acceleration, self._no_forces)
             newest = (actuation if self._is_sampled else actuation_last) - inertial
             pressing = np.where(are_valid(pressing), pressing, newest)
-            pressing += self._newest * (newest - pressing)
+            pressing += self._gain * (newest - pressing)
         measured = np.concatenate([pressing, v, actuation, [time]])
         discrete_state.set_value(self._last, measured)
 

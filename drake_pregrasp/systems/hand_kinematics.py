@@ -108,7 +108,7 @@ class HandKinematics:
     def with_limited_forces(
         self, J_WT: FloatArray, torques: FloatArray, limits: FloatArray, nhat_W: FloatArray
     ) -> FloatArray:
-        """Returns joint torques, less for fingers that would press or rub beyond a limit.
+        """Returns joint torques, less for fingers whose forces would exceed a limit.
 
         Forces away from the surface have no limit.
 
@@ -121,9 +121,11 @@ class HandKinematics:
         """
         forces = self.tip_forces(J_WT, torques)
         presses = -np.add.reduce(forces * nhat_W, axis=1)
-        along = forces + presses[:, None] * nhat_W
-        shares = np.maximum(0.0, 1 - limits[:, 1] / np.maximum(norms(along), 1e-9))
-        excess = shares[:, None] * along - np.maximum(0.0, presses - limits[:, 0])[:, None] * nhat_W
+        across = forces + presses[:, None] * nhat_W
+        shares = np.maximum(0.0, 1 - limits[:, 1] / np.maximum(norms(across), 1e-9))
+        excess = (
+            shares[:, None] * across - np.maximum(0.0, presses - limits[:, 0])[:, None] * nhat_W
+        )
         own = (J_WT * self._is_own[:, None]).reshape(-1, len(torques))
         return np.asarray(torques - excess.ravel() @ own)
 
