@@ -15,6 +15,8 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from drake_pregrasp import shipped_scenarios
 from drake_pregrasp.cli import command, main
+from drake_pregrasp.cli.run_command import grasp_in_words
+from drake_pregrasp.grasping.held_criterion import PARTS
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.smooth_file import CARRIED
 
@@ -201,12 +203,53 @@ def test_export_and_replay_refuse_options_without_effect(tmp_path, capsys):
     "text", ["[1]", "3", "{}", '{"grasp": 3}', '{"grasp": {"phase": "hold"}}', "{", 9999 * "["]
 )
 def test_replay_refuses_a_broken_summary_before_it_runs(tmp_path, capsys, text):
-    (tmp_path / "scenario.yaml").write_text(f"own: {{hand: {{file: {HAND}}}, ring_contacts: 5}}")
+    own = f"own: {{engine: mujoco, hand: {{file: {HAND}}}, ring_contacts: 5}}"
+    (tmp_path / "scenario.yaml").write_text(own)
     (tmp_path / "summary.json").write_text(text)
     assert main(["replay", str(tmp_path), "--engine", "drake"]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert "summary.json: is no summary of a run with a hand" in error
+
+
+def a_grasp(phase, **measured):
+    names = ["tracking_error_mean_mm", "lift_height_mm", "slips_after_s", "gave_up", "held"]
+    names += [
+        f"{what}_{part}_{unit}"
+        for part in PARTS
+        for what, unit in (("moved", "mm"), ("turned", "deg"))
+    ]
+    return dict.fromkeys(names) | {"phase": phase} | measured
+
+
+def test_the_parts_in_which_an_object_was_not_held_are_named():
+    still = {name: 1.0 for name in a_grasp("hold") if name.startswith(("moved", "turned"))}
+    assert "off its place)" not in grasp_in_words(a_grasp("hold", held=True, **still))
+    words = grasp_in_words(a_grasp("hold", held=False, **still | {"turned_lift_deg": 5.25}))
+    assert "the object was not held (lift: 1.0 mm and 5.2° off its place)," in words
+    words = grasp_in_words(
+        a_grasp("hold", held=False, moved_closing_mm=6.0, turned_closing_deg=2.0)
+    )
+    assert "the object was not held (closing: 6.0 mm and 2.0° off its place)," in words
+
+
+@pytest.mark.slow
+def test_replay_compares_two_engines_and_whole_grasps_only(tmp_path, capsys):
+    folder = tmp_path / "short"
+    (folder).mkdir()
+    (folder / "scenario.yaml").write_text(f"own: {{hand: {{file: {HAND}}}, ring_contacts: 5}}")
+    assert main(["replay", str(folder), "--engine", "drake"]) == 2
+    assert f"drake made {folder}; give mujoco" in capsys.readouterr().err
+    assert main(["replay", str(folder), "--postures"]) == 2
+    assert f"`drake-pregrasp export {folder}` writes it" in capsys.readouterr().err
+    own = f"engine: mujoco, hand: {{file: {HAND}}}, ring_contacts: 5, simulation_duration: 0.2"
+    (folder / "scenario.yaml").write_text(f"own: {{{own}}}")
+    (folder / "summary.json").write_text(json.dumps({"grasp": a_grasp("track")}))
+    assert main(["replay", str(folder), "--engine", "drake", "--out", str(tmp_path)]) == 0
+    words = capsys.readouterr().out.splitlines()
+    assert words[-4].startswith("mujoco      at the end: track")
+    assert words[-3].startswith("drake       at the end: ")
+    assert words[-2] == "verdicts    none: a run ended before its hand held the object or gave up"
 
 
 def test_replay_reads_files_of_allowed_folders(tmp_path, capsys):

@@ -24,7 +24,7 @@ from drake_pregrasp.simulation.output import INTERRUPTED_STATUS
 from drake_pregrasp.simulation.posture_test import posture_test
 from drake_pregrasp.simulation.resolved_scenario import ResolvedScenario
 from drake_pregrasp.simulation.run import EXPORT_FILE, RunResult, run, valid_name
-from drake_pregrasp.simulation.scenario_file import load_resolved
+from drake_pregrasp.simulation.scenario_file import load_resolved, load_scenario
 
 _SCENARIO = "scenario.yaml"
 
@@ -79,14 +79,21 @@ def _replay(options: argparse.Namespace) -> int:
         raise InvalidArgumentError(f"{folder}: has no hand, so there is no grasp to repeat")
     if options.postures:
         return _test_postures(options, resolved)
+    before = load_scenario(file=folder / _SCENARIO, folders=options.allow).engine
+    if before == options.engine and not options.postures:
+        other = next(engine for engine in ENGINES if engine != before)
+        raise InvalidArgumentError(f"--engine: {before} made {folder}; give {other}")
     first, was_held = _outcome(folder)
     done = _run(options, resolved, valid_name(f"{folder.resolve().name}-{options.engine}"))
     if not done.completed:
         return INTERRUPTED_STATUS
     second, is_held = _outcome(done.folder)
-    print(f"run         {first}")
+    print(f"{before:12}{first}")
     print(f"{options.engine:12}{second}")
-    print(f"verdicts    {'agree' if was_held == is_held else 'differ'}")
+    if None in (was_held, is_held):
+        print("verdicts    none: a run ended before its hand held the object or gave up")
+    else:
+        print(f"verdicts    {'agree' if was_held == is_held else 'differ'}")
     print(f"results in {done.folder}")
     return 0
 
@@ -104,10 +111,11 @@ def _run(options: argparse.Namespace, resolved: ResolvedScenario, name: str) -> 
         )
 
 
-def _outcome(folder: Path) -> tuple[str, bool]:
+def _outcome(folder: Path) -> tuple[str, bool | None]:
     """Returns the results of a grasp in words, and whether the object was held.
 
-    Of a run without a shake, it is whether the hand holds it at the end.
+    Of a run without a shake, it is whether the hand holds it at the end; None if the run ended
+    before the hand did or gave up.
     """
     file = folder / "summary.json"
     try:
@@ -115,16 +123,23 @@ def _outcome(folder: Path) -> tuple[str, bool]:
         words, held = grasp_in_words(grasp), grasp.get("held")
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
         raise InvalidArgumentError(f"{file}: is no summary of a run with a hand") from error
-    return words, grasp["phase"] == "hold" if held is None else bool(held)
+    if held is None:
+        is_over = grasp["phase"] == "hold" or grasp["gave_up"] is not None
+        return words, grasp["phase"] == "hold" if is_over else None
+    return words, bool(held)
 
 
 def _test_postures(options: argparse.Namespace, resolved: ResolvedScenario) -> int:
-    results = posture_test(resolved, read_postures(options.run / EXPORT_FILE))
+    file = options.run / EXPORT_FILE
+    if not file.is_file():
+        command = f"drake-pregrasp export {options.run}"
+        raise InvalidArgumentError(f"{file}: there is no such file; `{command}` writes it")
+    results = posture_test(resolved, read_postures(file))
     for result in results:
-        x, y, z = result.direction
+        x, y, z = (round(share) for share in result.direction)
         verdict = "held" if result.held else "lost"
         moved = f"moved {1e3 * result.moved:.2f} mm and turned {result.turned:.2f}°"
-        print(f"force along ({x:2.0f},{y:2.0f},{z:2.0f})  {verdict}: {moved}")
+        print(f"force along ({x:2},{y:2},{z:2})  {verdict}: {moved}")
     held = all(result.held for result in results)
     print(f"postures    {'hold' if held else 'do not hold'} the object in all six directions")
     return 0

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
+from drake_pregrasp.grasping.held_criterion import LARGEST_DEG, LARGEST_MM, PARTS
 from drake_pregrasp.live.live_page import serve_live_run
 from drake_pregrasp.quality.grasp_quality import QUALITY_MEASURES
 from drake_pregrasp.simulation.output import INTERRUPTED_STATUS, check_new, handling
@@ -144,13 +145,14 @@ def grasp_in_words(grasp: Mapping[str, Any]) -> str:
     if grasp["gave_up"] is not None:
         words.append(f"gave up because {grasp['gave_up']}")
     if (held := grasp.get("held")) is not None:
-        words.append("the object was held" if held else "the object was not held in its place")
+        verdict = "the object was held" if held else "the object was not held"
+        words.append(" ".join([verdict, *_far_parts(grasp)]))
     for key, text in (
         ("tracking_error_mean_mm", "fingertips {:.3f} mm off their goals (mean until closing)"),
-        ("moved_closing_mm", "object moved {:.2f} mm in closing"),
+        ("moved_closing_mm", "object up to {:.2f} mm off its place in closing"),
         ("moved_squeeze_mm", "{:.2f} mm in the squeeze"),
         ("lift_height_mm", "lifted {:.1f} mm"),
-        ("moved_hold_mm", "moved {:.2f} mm in the hand"),
+        ("moved_hold_mm", "{:.2f} mm off its place in the hold"),
         ("slips_after_s", "would slip by 5 mm after {:.0f} s"),
     ):
         if grasp[key] is not None:
@@ -158,6 +160,14 @@ def grasp_in_words(grasp: Mapping[str, Any]) -> str:
     if (force := max(grasp.get("link_forces", {"": 0.0}).values())) > 0:
         words.append(f"links pressed with up to {force:.1f} N")
     return ", ".join(words)
+
+
+def _far_parts(grasp: Mapping[str, Any]) -> Iterator[str]:
+    """Yields in words by how much, and in which parts of the grasp, an object was too far off."""
+    for part in PARTS:
+        mm, angle = (grasp.get(key) or 0.0 for key in (f"moved_{part}_mm", f"turned_{part}_deg"))
+        if mm > LARGEST_MM or angle > LARGEST_DEG:
+            yield f"({part}: {mm:.1f} mm and {angle:.1f}° off its place)"
 
 
 def add_command(commands: "argparse._SubParsersAction[Any]") -> None:

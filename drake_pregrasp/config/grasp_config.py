@@ -107,7 +107,8 @@ class GraspConfig:
     # Smallest normal force of each finger in the squeeze, in newtons.
     least_force: float = field(default=2.5, metadata=_FORCE)
 
-    # Largest normal force of each finger, in newtons.
+    # Largest normal force of each finger, in newtons; that of the hand's description
+    # (`closing.force`) counts if it is smaller.
     largest_force: float = field(default=12.0, metadata=_FORCE)
 
     # Shortest duration of the increase of the forces from touch to squeeze, in seconds.

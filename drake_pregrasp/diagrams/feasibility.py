@@ -26,6 +26,7 @@ _TIMES = 200  # Times at which the joints of a carrier are compared with their l
 _REACHED = 0.002  # Largest distance of a fingertip from its place that counts as there, in metres.
 _HALVINGS = 8  # Halvings of the load's share that torques hold.
 _REST = np.zeros(3)
+_ROUNDING = 1e-6  # Of velocities that are computed from positions, as a share.
 
 
 def check_palm(
@@ -49,10 +50,11 @@ def check_palm(
             pose.
     """
     axis, settings = hand.X_LA.rotation().matrix()[:, 2], config.make_settings()
-    places = np.zeros(3), settings.approach_height * axis, settings.lift_height * config.lift_axis
-    for place in places:
+    lift = settings.lift_height * config.lift_axis
+    places = np.zeros(3), settings.approach_height * axis, lift
+    for place, when in zip(places, ("", "", "after the lift, "), strict=True):
         if problem := travel_problem(hand, poses[0] @ p_OCoM + place):
-            raise InvalidArgumentError(problem)
+            raise InvalidArgumentError(when + problem)
     first, *_ = turns = [RollPitchYaw(X_WO.rotation()).yaw_angle() for X_WO in poses]
     for X_WO, turn in zip(poses, turns, strict=True):
         # The palm turns with the object.
@@ -116,11 +118,11 @@ def check_carrier(
     for index, (name, joint) in enumerate(zip(hand.base.names, joints, strict=True)):
         unit = "rad" if index >= WRIST else "m"
         limit, travel = model.rate_limit[joint], (model.lower[joint], model.upper[joint])
-        if np.any(fast := rates[:, index] > limit):
+        if np.any(fast := rates[:, index] > (1 + _ROUNDING) * limit):
             time, rate = times[np.argmax(fast)], np.max(rates[:, index])
             raise InvalidArgumentError(
                 f"from {time:.3g} s the object is too fast for the carrier: joint {name} would have"
-                f" to follow it at {rate:.3g} {unit}/s, its limit is {limit:.3g} {unit}/s"
+                f" to follow it at {rate:.4g} {unit}/s, its limit is {limit:.4g} {unit}/s"
             )
         inside = np.clip(positions[:, index], *travel)
         if np.any(beyond := inside != positions[:, index]):

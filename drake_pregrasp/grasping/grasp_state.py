@@ -67,7 +67,8 @@ class GiveUp(IntEnum):
         OBJECT_UNSEEN: The estimator lost the object before the squeeze began.
         OFF_GOAL: A finger did not arrive at its goal.
         NEEDS_FORCE: A squeeze would balance the weight only above the largest force.
-        NEEDS_TORQUE: A squeeze would balance the weight only above the torques of the joints.
+        NEEDS_TORQUE: A squeeze would balance the weight only above the torques of the joints, and
+            perhaps above the largest force too.
         NEEDS_FRICTION: A squeeze would balance the weight only with more friction.
         BLOCKED: No motion keeps all links clear; the hand stands still until there is one.
     """
@@ -389,7 +390,8 @@ class Squeeze(NamedTuple):
             lever arm.
         internal: Their internal part, which exerts no wrench, shape (n, 3), in newtons.
         stopping: Part of them that stops the object, shape (n, 3), in newtons.
-        lack: Reason of an imbalance: the limit without which the forces would balance, or
+        lack: Reason of an imbalance: the limit without which the forces would balance,
+            `NEEDS_TORQUE` if those of forces and of torques prevent it together, or
             `OUT_OF_BALANCE` if there is no such limit.
     """
 

@@ -30,6 +30,7 @@ from drake_pregrasp.diagrams.approaches import Approach, approaching_hands
 from drake_pregrasp.diagrams.expected_path import Motion, expected_poses, initial_pose, read_motion
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.object_plant import TABLE
+from drake_pregrasp.diagrams.palm_base import PalmCarrier
 from drake_pregrasp.errors import (
     InvalidArgumentError,
     NoSurfaceError,
@@ -388,8 +389,9 @@ def _check_base(
         path: Times in seconds and expected poses X_WO of the object, until the hand rests.
     """
     _, start = path[0]
+    base = "carrier" if isinstance(hand.base, PalmCarrier) else "arm"
     for time, X_WO in path:
-        with errors_at("motion", f"at {time:.3g} s the object is out of the arm's reach: "):
+        with errors_at("motion", f"at {time:.3g} s the object is out of the {base}'s reach: "):
             feasibility.check_palm(hand, scenario.grasp, [start, X_WO], shape.p_OCoM, yaw)
     if isinstance(scenario.motion, Conveyor) and not scenario.grasp.meeting.wait_at:
         rest = scenario.grasp.earliest_rest(hand.description.fingertips)

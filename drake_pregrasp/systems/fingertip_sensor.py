@@ -49,7 +49,7 @@ class FingertipSensor(LeafSystem):
     3, nq); NaN if a position is not finite.
 
     Args:
-        hand: Kinematics of the hand.
+        hand: Kinematics of the hand (`HandModel.kinematics`).
         period: Seconds between measurements: the time step of the hand's plant.
         is_sampled: Whether the actuation is that of the last time step, as that of MultibodyPlant's
             sampled ports; else it is that of the next one.

@@ -121,11 +121,12 @@ def plan_squeeze(
     squeeze = Squeeze(forces, residual, internal, np.zeros(forces.shape))
     if residual <= _IN_BALANCE:
         return squeeze
-    for lack, limit in limits.items():
-        without = limits | {lack: np.full(limit.shape, _UNLIMITED)}
+    force, torque, slide = limits
+    for lacks in ((force,), (torque,), (force, torque), (slide,)):
+        without = limits | {lack: np.full(limits[lack].shape, _UNLIMITED) for lack in lacks}
         others = torques, least_normal, *without.values()
         if _solve(*balance, *others, has_margins=False)[1] <= _IN_BALANCE:
-            return squeeze._replace(lack=lack)
+            return squeeze._replace(lack=lacks[-1])
     return squeeze
 
 

@@ -3,7 +3,7 @@ import pytest
 import trimesh
 
 from drake_pregrasp import InvalidArgumentError, load_shape
-from drake_pregrasp.geometry.closed_surfaces import is_inside
+from drake_pregrasp.geometry.closed_surfaces import is_inside, orient_components
 
 
 def saved(tmp_path, *pieces):
@@ -44,6 +44,42 @@ def test_bodies_that_cross_are_refused(tmp_path):
     file = saved(tmp_path, box(0.06), box(0.06, (0.03, 0.01, 0.02)))
     with pytest.raises(InvalidArgumentError, match=r"bodies\.stl has closed surfaces that cross"):
         load_shape(file)
+
+
+def bar(x, y, z, center=(0.0, 0.0, 0.0)):
+    piece = trimesh.creation.box([x, y, z])
+    piece.apply_translation(center)
+    return piece
+
+
+@pytest.mark.parametrize("turn", [np.eye(4), trimesh.transformations.euler_matrix(0.3, 0.5, 0.7)])
+@pytest.mark.parametrize(
+    "pieces",
+    [
+        (bar(0.1, 0.02, 0.02), bar(0.02, 0.1, 0.02)),  # All their edges are in planes of the other.
+        (bar(0.1, 0.02, 0.02), bar(0.02, 0.1, 0.03)),
+        (bar(0.03, 0.03, 0.1), bar(0.1, 0.05, 0.04, (0, 0, 0.05))),
+        (
+            trimesh.creation.cylinder(radius=0.01, height=0.1),
+            trimesh.creation.cylinder(radius=0.02, height=0.03),
+        ),
+    ],
+)
+def test_bodies_whose_corners_are_outside_each_other_cross(tmp_path, pieces, turn):
+    pieces = [piece.copy().apply_transform(turn) for piece in pieces]
+    with pytest.raises(InvalidArgumentError, match="has closed surfaces that cross"):
+        load_shape(saved(tmp_path, *pieces))
+
+
+@pytest.mark.parametrize("turn", [np.eye(4), trimesh.transformations.euler_matrix(0.3, 0.5, 0.7)])
+@pytest.mark.parametrize(
+    "second", [bar(0.1, 0.02, 0.06, (0, 0.02, 0.01)), bar(0.02, 0.02, 0.02, (0, 0, 0.02))]
+)
+def test_bodies_that_touch_do_not_cross(turn, second):
+    pieces = [piece.copy().apply_transform(turn) for piece in (bar(0.1, 0.02, 0.02), second)]
+    mesh = trimesh.util.concatenate(pieces)
+    orient_components(mesh, "mesh")
+    assert mesh.volume == pytest.approx(sum(piece.volume for piece in pieces))
 
 
 def test_inside_is_inside_whichever_way_the_surface_is_turned():

@@ -208,6 +208,14 @@ def test_what_nothing_balances_is_told_with_the_limit_that_prevents_it(arguments
     assert planned.lack == lack
 
 
+@pytest.mark.parametrize("share", [2, 5, 8, 20])
+def test_no_load_is_so_large_that_friction_is_all_it_lacks(share):
+    limits = {"jacobians": LEVERS, "efforts": np.full(15, 0.3), "largest": 12.0}
+    planned = squeeze(wrench=share * WEIGHT, **limits)
+    assert planned.residual > 0.1
+    assert planned.lack == GiveUp.NEEDS_TORQUE
+
+
 def test_bad_arguments_are_refused():
     with pytest.raises(InvalidArgumentError, match="at least one contact"):
         squeeze(np.empty((0, 3)), np.empty((0, 3)))
