@@ -16,6 +16,7 @@ from drake_pregrasp.geometry.box_surface import BOX_FACES
 from drake_pregrasp.grasping.grasp_state import GraspSettings
 
 _ANGLE = {"at_least": -10, "at_most": 10}
+_PLANNED_PATCH = 0.5  # Share of the radius of a pad that grasps are planned with.
 
 
 @dataclass
@@ -140,6 +141,14 @@ class Fingertip:
     # Faces of the object, such as +z, that the fingertip must not touch.
     forbidden_faces: list[str] = field(default_factory=list, metadata={"one_of": BOX_FACES})
 
+    @property
+    def planned_patch(self) -> float:
+        """Radius of the patch that grasps are planned with, in metres.
+
+        On a curved or uneven surface, a pad touches with a part of its face.
+        """
+        return _PLANNED_PATCH * self.patch_radius
+
     def raised(self, height: float) -> "Fingertip":
         """Returns the fingertip with its reach raised by a height in metres."""
         if isinstance(self.reach, SectorReach):  # It has all heights.
@@ -218,8 +227,8 @@ class HandDescription:
 
     @property
     def patch_radii(self) -> FloatArray:
-        """Radii of the patches of soft fingertips, 0 for hard ones, shape (n,), in metres."""
-        return np.array([tip.patch_radius for tip in self.fingertips])
+        """Planned patches of soft fingertips, 0 for hard ones, shape (n,), in metres."""
+        return np.array([tip.planned_patch for tip in self.fingertips])
 
     @property
     def jaws(self) -> list[Pair]:

@@ -8,7 +8,6 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.fast.pose_steps import exponential
 from drake_pregrasp.fast.predicates import distance_to
-from drake_pregrasp.geometry.mesh_surface import INTRUSION
 from drake_pregrasp.geometry.solids import PlacedSolid
 from drake_pregrasp.grasping.fingertip_paths import (
     GRAZE,
@@ -86,10 +85,11 @@ def write_toward(wanted, v_last, speed, change, v):  # type: ignore[no-untyped-d
 
 
 @compiled(
-    "i8(f8[:,::1], f8[:,::1], f8[:,::1], f8, f8, f8, f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1])"
+    "i8(f8[:,::1], f8[:,::1], f8[:,::1], f8, f8, f8, f8[:,::1], f8[:,::1], f8[:,::1], f8[::1],"
+    " f8[:,::1])"
 )
 def write_straight_step(  # type: ignore[no-untyped-def]
-    p, v, goal, speed, acceleration, period, rows, clearances, spacing, moved
+    p, v, goal, speed, acceleration, period, rows, clearances, spacing, intrusions, moved
 ):
     """Writes the next positions of tips, and returns 1 if they move straight there.
 
@@ -105,6 +105,7 @@ def write_straight_step(  # type: ignore[no-untyped-def]
         rows: The object and the other solids, as for `distance_to`, shape (1 + m, 19).
         clearances: Least distances of the tips from these, shape (1 + m, n), in metres.
         spacing: Least distances of the tips from each other, shape (n, n), in metres.
+        intrusions: `TipRoom.intrusions`, shape (n,), in metres.
         moved: Result, shape (n, 3), in metres.
     """
     if not are_apart(goal, rows, clearances, spacing):
@@ -112,7 +113,7 @@ def write_straight_step(  # type: ignore[no-untyped-def]
     change, left, wanted, next_v = acceleration * period, 0.0, np.empty(3), np.empty(3)
     for i in range(len(p)):
         there = distance_to(rows[0], goal[i, 0], goal[i, 1], goal[i, 2])
-        least = min(max(there, clearances[0, i] - INTRUSION), clearances[0, i])
+        least = min(max(there, clearances[0, i] - intrusions[i]), clearances[0, i])
         here = distance_to(rows[0], p[i, 0], p[i, 1], p[i, 2])
         is_permitted = least - there <= ROUNDING
         if not (is_permitted and is_clear_path(rows[0], p[i], goal[i], min(least, here) - GRAZE)):
@@ -140,7 +141,8 @@ def compiled_straight_step(
     rows = np.array([room.object.row, *[solid.rounded_box() for solid, _ in room.others]])
     clearances = np.array([room.object_clearances, *[least for _, least in room.others]])
     moved, limits = np.empty(p_GT.shape), (pace.speed, pace.acceleration, pace.period)
-    found = write_straight_step(p_GT, v_GT, goal, *limits, rows, clearances, room.spacing, moved)
+    solids = rows, clearances, room.spacing, room.intrusions
+    found = write_straight_step(p_GT, v_GT, goal, *limits, *solids, moved)
     return (None, moved, p_GT)[found]
 
 

@@ -38,12 +38,15 @@ class TipRoom:
         others: Other solids to avoid in G, such as table and obstacles, each with the least
             distance of the tips' centres from it, shape (n,), in metres.
         spacing: Least distance between tips' centres, shape (n, n), in metres.
+        intrusions: How much nearer to the object than `object_clearances` each tip may come where
+            its goal is as near, shape (n,), in metres.
     """
 
     object: SignedDistance
     object_clearances: FloatArray
     others: tuple[tuple[Solid, FloatArray], ...]
     spacing: FloatArray
+    intrusions: FloatArray
 
     def moved(self, R_FG: FloatArray, p_FG: FloatArray) -> "TipRoom":
         """Returns the same room expressed in a frame F.
@@ -58,13 +61,14 @@ class TipRoom:
     def with_room_at(self, goal: FloatArray) -> "TipRoom":
         """Returns the room with tips that may come as near to the object as their goals are.
 
-        Between parts of the object, a tip has no more room than contacts need (`TipSize`).
+        Between parts of the object, a tip has no more room than contacts need (`TipSize`), unless
+        it holds the object: then it is on its way to touch it.
 
         Args:
             goal: Goals of the tips' centres in G, shape (n, 3), in metres.
         """
         least = self.object_clearances
-        nearest = np.maximum(self.object.distance(goal), least - INTRUSION)
+        nearest = np.maximum(self.object.distance(goal), least - self.intrusions)
         return replace(self, object_clearances=np.minimum(nearest, least))
 
     def permitted(self, p_GT: FloatArray) -> FloatArray:
@@ -393,4 +397,5 @@ class TipPlaces:
                 *((solid, unless_holding) for solid in obstacles),
             ),
             spacing=clearances[:, None] + self.tip_radii,
+            intrusions=np.where(holding, np.inf, INTRUSION),
         )

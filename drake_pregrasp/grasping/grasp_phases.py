@@ -32,6 +32,7 @@ _BOUNCE = 0.02  # Time without force after which a finger in the lift or hold ha
 _STRAIN = 0.002  # Depth to which a finger that touches presses, within the limit of its force.
 _ON_THE_WAY = 1.5  # Distance from its goal, in gate distances, beyond which a finger moves to it.
 _BESIDE = 2.0  # Distance along the surface, in gate distances, up to which a finger may touch.
+_INSIDE = 0.002  # Depth in the object from which on a finger that touches nothing moves G, in m.
 _EASING = 0.2  # Share of the closing speed with which fingers give up this strain.
 
 _FOLLOWS = 0.25  # Share of a small commanded force from which on a finger presses.
@@ -253,7 +254,8 @@ def _moved_by_touch(
 ) -> tuple[GraspState, bool]:
     """Returns the state with the next standoffs and the next offset of G, and whether G rests.
 
-    A finger that touches stays where it is in W while G moves. One that is far from its goal along
+    G also moves away from a finger that is inside the object and feels nothing. A finger that
+    touches stays where it is in W while G moves. One that is far from its goal along
     the surface, because G has moved, moves out and touches again there. No goal is far ahead of a
     finger that is held back.
     """
@@ -268,11 +270,14 @@ def _moved_by_touch(
     touched = state.active & arrived & ~behind & ((view.presses >= least) | is_held_back)
     elapsed = view.time - state.since
     speed = np.minimum(settings.closing_speed, settings.closing_acceleration * elapsed)
-    change = touch_correction(view.surface_gaps, view.rows, touched, state.offset)
+    inside = state.active & ~touched & (view.surface_gaps < -_INSIDE)
+    change = touch_correction(view.surface_gaps, view.rows, touched | inside, state.offset)
     offset = limited_offset(state.offset, change, float(np.min(speed)) * period)
     met = np.maximum(state.standoffs, view.gaps - _STRAIN)
-    stays = met - view.rows @ (offset - state.offset)
+    away = view.rows @ (offset - state.offset)
+    stays = met - away
     ahead = state.standoffs + np.where(behind, period, -period) * speed
+    ahead = np.where(inside, ahead - away, ahead)
     ahead = np.clip(ahead, view.gaps - settings.gate_distance, settings.standoff)
     standoffs = np.where(touched, stays, ahead)
     standoffs = np.maximum(standoffs, -np.asarray(settings.search))

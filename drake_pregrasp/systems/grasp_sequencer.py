@@ -179,7 +179,7 @@ class GraspSequencer(LeafSystem):
         self._solid, self._efforts = object_solid, np.empty(0) if efforts is None else efforts
         self._pace = Pace(config.goal_speed, config.tip_acceleration, config.period)
         self._radius = np.array([tip.radius for tip in fingertips])
-        self._patch_radii = np.array([tip.patch_radius for tip in fingertips])
+        self._patch_radii = np.array([tip.planned_patch for tip in fingertips])
         first = GraspState.first(n, self._settings)
         self._unpack = state_unpacker(n)
         self._state = self.DeclareDiscreteState(first.to_vector())

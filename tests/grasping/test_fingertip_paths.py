@@ -28,13 +28,15 @@ ROOM = TipRoom(
     object_clearances=np.full(5, CLEARANCE),
     others=((TABLE, np.full(5, 0.013)),),
     spacing=np.full((5, 5), 0.022),
+    intrusions=np.full(5, INTRUSION),
 )
 
 
 def room_alone(solid=BOX, others=(), clearance=CLEARANCE):
     """Room of a single tip."""
     around = tuple((other, np.full(1, 0.013)) for other in others)
-    return TipRoom(solid, np.full(1, clearance), around, np.zeros((1, 1)))
+    least, intrusions = np.full(1, clearance), np.full(1, INTRUSION)
+    return TipRoom(solid, least, around, np.zeros((1, 1)), intrusions)
 
 
 ALONE = room_alone()
@@ -214,6 +216,15 @@ def test_tips_come_as_near_to_other_parts_of_the_object_as_their_goals():
     np.testing.assert_allclose(permitted[:2], goals[:2], atol=1e-9)
     least = RADII[2] + MOVING_CLEARANCE - INTRUSION
     assert BALL.distance(permitted)[2] == pytest.approx(least)
+
+
+def test_tips_that_hold_come_as_near_to_the_object_as_their_goals():
+    """A pad touches along its jaw, where the object may be nearer than along its normal."""
+    goals = (BALL.radius + RADII + [0.006, 0.001, -0.001])[:, None] * WAYS
+    room = room_of(np.full(3, 0.02), goals, holding=(True,) * 3)
+    assert room.permitted(goals) is goals
+    near = BALL.distance(room.permitted(0.9 * goals)) - RADII
+    np.testing.assert_allclose(near, [0.006, 0.001, -0.001], atol=1e-9)
 
 
 def test_tips_that_hold_avoid_the_table_but_no_obstacle():
