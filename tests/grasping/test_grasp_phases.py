@@ -344,12 +344,31 @@ def test_forces_that_accelerate_a_finger_are_no_touch(jump, touches):
     assert np.all(after.touched == touches)
 
 
+ROUND = np.column_stack([np.cos(1.2566 * np.arange(N)), np.sin(1.2566 * np.arange(N)), np.zeros(N)])
+"""Rows of `touch_correction` for fingers around an object."""
+
+
+@pytest.mark.parametrize(("depth", "moves"), [(0.001, False), (0.004, True)])
+@pytest.mark.parametrize("finger", [0, 3])
+def test_the_frame_moves_away_from_a_finger_that_is_inside_and_feels_nothing(finger, depth, moves):
+    gaps = np.where(np.arange(N) == finger, -depth, SETTINGS.standoff)
+    nothing = np.zeros(N)
+    view = closing_view(gaps=gaps, surface_gaps=gaps, presses=nothing, rows=ROUND)
+    after = next_state(replace(CLOSING, standoffs=gaps), view, SETTINGS, PERIOD, balanced)
+    displaced = ROUND @ after.offset
+    assert (displaced[finger] < 0) == moves
+    assert not after.touched.any()
+    # In W, the finger goes on as before.
+    inward = gaps[finger] - after.standoffs[finger] - displaced[finger]
+    still = closing_view(gaps=gaps, surface_gaps=np.abs(gaps), presses=nothing, rows=ROUND)
+    before = next_state(replace(CLOSING, standoffs=gaps), still, SETTINGS, PERIOD, balanced)
+    assert inward == pytest.approx(gaps[finger] - before.standoffs[finger])
+
+
 @given(st.integers(0, N - 1), st.floats(0.002, 0.018))
 def test_the_touch_of_one_finger_moves_the_frame_but_not_the_finger(finger, gap):
     """The gap that the finger keeps in G shrinks by the displacement of G."""
-    rows = np.column_stack(
-        [np.cos(1.2566 * np.arange(N)), np.sin(1.2566 * np.arange(N)), np.zeros(N)]
-    )
+    rows = ROUND
     touches = np.arange(N) == finger
     gaps = np.where(touches, gap, SETTINGS.standoff)
     presses = SETTINGS.touch_force * touches
