@@ -120,7 +120,8 @@ class Fingertip:
     radius: float = field(default=0.01, metadata={"required": True, "above": 0, "at_most": 0.1})
 
     # Radius of the patch in which a soft, flat fingertip touches, in metres: that of a round pad.
-    # Friction then resists turns about the normal as well. 0: a hard fingertip touches at a point.
+    # Friction then resists turns about the normal as well; half the radius is planned with. 0: a
+    # hard fingertip touches at a point.
     patch_radius: float = field(default=0.0, metadata={"at_least": 0, "at_most": 0.1})
 
     # Home positions of the joints that move only this fingertip, in the order of the model, in

@@ -306,7 +306,7 @@ class MeasuresConfig:
     friction: float = field(default=FRICTION, metadata={"at_least": 0, "at_most": 10})
 
     # For soft fingers: largest moment about the normal per newton of normal force, in metres. 0:
-    # that of the hand's smallest soft fingertip, or of a patch of radius 10 mm without one.
+    # that of half the hand's smallest `patch_radius`, or of a patch of radius 10 mm without one.
     torsional_friction: float = field(default=0.0, metadata={"at_least": 0, "at_most": 10})
 
     # Unit of lever arms, in metres. 0: the longest lever arm on the object; for the measures of the

@@ -80,8 +80,8 @@ def test_two_fingers_need_soft_pads(tmp_path):
 
 @pytest.mark.slow
 def test_measures_are_those_of_soft_fingers_unless_others_are_asked_for():
-    measures = resolved("").measures
-    torsional = float(torsional_friction_of(measures.friction, np.array(0.01)))
+    measures, half = resolved("").measures, 0.005  # Of the radius of a pad.
+    torsional = float(torsional_friction_of(measures.friction, np.array(half)))
     assert (measures.contact_model, measures.torsional_friction) == ("soft_finger", torsional)
     asked = resolved("measures: {contact_model: hard_finger, torsional_friction: 0.001}").measures
     assert (asked.contact_model, asked.torsional_friction) == ("hard_finger", 0.001)
