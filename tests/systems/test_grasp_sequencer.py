@@ -385,7 +385,7 @@ def test_a_touch_moves_the_frame_and_the_other_fingers_to_the_object(azimuth):
 def test_pads_that_touch_beside_their_middles_do_not_move_the_frame_across_their_way():
     """Normals at their middles lean to one side, and both pads touch before these do."""
     ways, X_WO = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]), RigidTransform([0.0, 0.0, 0.05])
-    pads, beside = [Fingertip(radius=RADIUS, patch_radius=0.01)] * 2, np.array([0.0, 0.012, 0.0])
+    pads, beside = [Fingertip(radius=RADIUS, patch_radius=0.02)] * 2, np.array([0.0, 0.012, 0.0])
     hand = sequencer_over(
         X_WO,
         make_sequencer(fingertips=pads),
