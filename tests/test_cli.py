@@ -236,7 +236,7 @@ def test_the_parts_in_which_an_object_was_not_held_are_named():
 @pytest.mark.slow
 def test_replay_compares_two_engines_and_whole_grasps_only(tmp_path, capsys):
     folder = tmp_path / "short"
-    (folder).mkdir()
+    folder.mkdir()
     (folder / "scenario.yaml").write_text(f"own: {{hand: {{file: {HAND}}}, ring_contacts: 5}}")
     assert main(["replay", str(folder), "--engine", "drake"]) == 2
     assert f"drake made {folder}; give mujoco" in capsys.readouterr().err

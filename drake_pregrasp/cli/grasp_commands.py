@@ -80,7 +80,7 @@ def _replay(options: argparse.Namespace) -> int:
     if options.postures:
         return _test_postures(options, resolved)
     before = load_scenario(file=folder / _SCENARIO, folders=options.allow).engine
-    if before == options.engine and not options.postures:
+    if before == options.engine:
         other = next(engine for engine in ENGINES if engine != before)
         raise InvalidArgumentError(f"--engine: {before} made {folder}; give {other}")
     first, was_held = _outcome(folder)

@@ -228,7 +228,7 @@ class HandDescription:
 
     @property
     def patch_radii(self) -> FloatArray:
-        """Planned patches of soft fingertips, 0 for hard ones, shape (n,), in metres."""
+        """`planned_patch` of each fingertip, 0 for hard ones, shape (n,), in metres."""
         return np.array([tip.planned_patch for tip in self.fingertips])
 
     @property

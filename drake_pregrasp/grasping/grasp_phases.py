@@ -255,9 +255,9 @@ def _moved_by_touch(
     """Returns the state with the next standoffs and the next offset of G, and whether G rests.
 
     G also moves away from a finger that is inside the object and feels nothing. A finger that
-    touches stays where it is in W while G moves. One that is far from its goal along
-    the surface, because G has moved, moves out and touches again there. No goal is far ahead of a
-    finger that is held back.
+    touches stays where it is in W while G moves. One that is far from its goal along the surface,
+    because G has moved, moves out and touches again there. No goal is far ahead of a finger that is
+    held back.
     """
     least = np.where(state.touched, RELEASE_SHARE, 1.0) * settings.touch_force
     along = np.sqrt(np.maximum(0.0, view.distances**2 - (view.gaps - state.standoffs) ** 2))

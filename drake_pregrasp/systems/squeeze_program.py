@@ -121,8 +121,8 @@ def plan_squeeze(
     squeeze = Squeeze(forces, residual, internal, np.zeros(forces.shape))
     if residual <= _IN_BALANCE:
         return squeeze
-    force, torque, slide = limits
-    for lacks in ((force,), (torque,), (force, torque), (slide,)):
+    force, torque = GiveUp.NEEDS_FORCE, GiveUp.NEEDS_TORQUE
+    for lacks in ((force,), (torque,), (force, torque), (GiveUp.NEEDS_FRICTION,)):
         without = limits | {lack: np.full(limits[lack].shape, _UNLIMITED) for lack in lacks}
         others = torques, least_normal, *without.values()
         if _solve(*balance, *others, has_margins=False)[1] <= _IN_BALANCE:

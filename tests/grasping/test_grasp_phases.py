@@ -368,14 +368,13 @@ def test_the_frame_moves_away_from_a_finger_that_is_inside_and_feels_nothing(fin
 @given(st.integers(0, N - 1), st.floats(0.002, 0.018))
 def test_the_touch_of_one_finger_moves_the_frame_but_not_the_finger(finger, gap):
     """The gap that the finger keeps in G shrinks by the displacement of G."""
-    rows = ROUND
     touches = np.arange(N) == finger
     gaps = np.where(touches, gap, SETTINGS.standoff)
     presses = SETTINGS.touch_force * touches
-    view = closing_view(gaps=gaps, surface_gaps=gaps, presses=presses, rows=rows)
+    view = closing_view(gaps=gaps, surface_gaps=gaps, presses=presses, rows=ROUND)
     state = replace(CLOSING, standoffs=gaps)
     after = next_state(state, view, SETTINGS, PERIOD, balanced)
-    displaced = rows @ after.offset
+    displaced = ROUND @ after.offset
     assert 0 < displaced[finger] <= SETTINGS.closing_speed * PERIOD + 1e-12
     np.testing.assert_allclose(after.standoffs[finger], gap - displaced[finger], atol=1e-12)
     assert np.all(after.standoffs[~touches] < gaps[~touches])
