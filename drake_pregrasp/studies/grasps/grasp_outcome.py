@@ -33,9 +33,9 @@ HELD_IN_WORDS = (
     f"An object is held if it is never more than {LARGEST_MM:g} mm or {LARGEST_DEG:g}° away from"
     " where it should be. On the table, that is where it was placed at the start, or at the meeting"
     " with the hand if no conveyor carries it; in the hand,"
-    f" until {HOLD_DURATION:g} s after the lift, where it was at the start of the lift; and in the"
-    f" shake that follows, by at most {SHAKE:g} times its weight in six directions, where it was"
-    " before."
+    f" until {HOLD_DURATION:g} s after the lift, where it was in the frame G of the command at the"
+    f" start of the lift; and in the shake that follows, by at most {SHAKE:g} times its weight in"
+    " six directions, where it was before."
     " Refused objects were not simulated, and count as not held."
 )
 """Definition of a held object for the report."""
