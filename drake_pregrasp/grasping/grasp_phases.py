@@ -20,7 +20,12 @@ from drake_pregrasp.grasping.grasp_state import (
     Ramp,
     Squeeze,
 )
-from drake_pregrasp.grasping.touch_correction import is_settled, limited_offset, touch_correction
+from drake_pregrasp.grasping.touch_correction import (
+    LARGEST_SHIFT,
+    is_settled,
+    limited_offset,
+    touch_correction,
+)
 
 GATE_SHARE = 0.5
 """Share of the largest imbalance that is allowed before closing, as contacts may still shift."""
@@ -32,6 +37,7 @@ _BOUNCE = 0.02  # Time without force after which a finger in the lift or hold ha
 _STRAIN = 0.002  # Depth to which a finger that touches presses, within the limit of its force.
 _ON_THE_WAY = 1.5  # Distance from its goal, in gate distances, beyond which a finger moves to it.
 _BESIDE = 2.0  # Distance along the surface, in gate distances, up to which a finger may touch.
+_YIELDING = 0.1  # Speed with which a hand that is not closing moves away from a touch, in m/s.
 _INSIDE = 0.002  # Depth in the object from which on a finger that touches nothing moves G, in m.
 _EASING = 0.2  # Share of the closing speed with which fingers give up this strain.
 
@@ -50,14 +56,13 @@ class GraspView:
         active: Whether each finger has an active contact, shape (n,).
         distances: Distance of each fingertip from its goal, shape (n,), in metres.
         gaps: Gap between each fingertip and the surface at its contact, shape (n,), in metres.
-        presses: Normal force of each fingertip on the object, shape (n,), in newtons; ignored until
-            the hand closes.
+        presses: Normal force of each fingertip on the object, shape (n,), in newtons; until the
+            hand closes, the force of each in any direction.
         wanted: Normal force with which each fingertip should press, shape (n,), in newtons.
         surface_gaps: Gap between each fingertip and the nearest point of the surface, shape (n,),
-            in metres; ignored until the hand closes.
+            in metres; until the hand closes, it counts only for fingertips that feel a force.
         rows: Displacement of the surface there by a unit change of `GraspState.offset`, along its
-            normal, or for a pad along the direction in which it closes, shape (n, 3); ignored until
-            the hand closes.
+            normal, or for a pad along the direction in which it closes, shape (n, 3).
         is_tracked: Whether the object is tracked.
         blocked: Index of the finger that stops the hand, `BASE`, or `NOT_BLOCKED`.
         has_met: Whether the palm has met the object.
@@ -119,6 +124,9 @@ def next_state(
         state = replace(state, reason=GiveUp.BLOCKED, detail=float(view.blocked))
     elif state.reason == GiveUp.BLOCKED:
         state = replace(state, reason=GiveUp.NONE, detail=0.0)
+    if state.phase <= GraspPhase.TRACK:
+        feel = (view.presses >= settings.touch_force) & (view.surface_gaps <= LARGEST_SHIFT)
+        state = _yielding(state, view, feel, period) if feel.any() else state
     if state.phase in (GraspPhase.LIFT, GraspPhase.HOLD):
         is_off = view.presses < settings.touch_force / 2
         state = replace(state, pressed=np.where(is_off, state.pressed, view.time))
@@ -172,6 +180,12 @@ def _open(state: GraspState, view: GraspView, reason: GiveUp, detail: float) -> 
         detail=detail,
         height=Ramp.at_rest(state.height.value(view.time)),
     )
+
+
+def _yielding(state: GraspState, view: GraspView, feel: BoolArray, period: float) -> GraspState:
+    """Moves the frame G toward fingertips that already feel the object, so that they recede."""
+    change = touch_correction(view.surface_gaps, view.rows, feel, state.offset)
+    return replace(state, offset=limited_offset(state.offset, change, _YIELDING * period))
 
 
 def _track(
@@ -271,7 +285,7 @@ def _moved_by_touch(
     elapsed = view.time - state.since
     speed = np.minimum(settings.closing_speed, settings.closing_acceleration * elapsed)
     inside = state.active & ~touched & (view.surface_gaps < -_INSIDE)
-    change = touch_correction(view.surface_gaps, view.rows, touched | inside, state.offset)
+    change = touch_correction(view.surface_gaps, view.rows, touched, state.offset, inside)
     offset = limited_offset(state.offset, change, float(np.min(speed)) * period)
     met = np.maximum(state.standoffs, view.gaps - _STRAIN)
     away = view.rows @ (offset - state.offset)

@@ -10,20 +10,28 @@ LARGEST_SHIFT, LARGEST_TURN = 0.03, 0.3
 
 _STD = np.array([0.01, 0.01, 0.09])  # Of the estimate: x and y in metres, and yaw in radians.
 _TOUCH_STD = 0.001  # Of the gap of a fingertip that touches, in metres.
+_INSIDE_STD = (
+    0.003  # Of the surface beside a fingertip that is inside and feels nothing, in metres.
+)
 
 
 def touch_correction(
-    gaps: FloatArray, rows: FloatArray, touching: BoolArray, offset: FloatArray
+    gaps: FloatArray,
+    rows: FloatArray,
+    touching: BoolArray,
+    offset: FloatArray,
+    inside: BoolArray | None = None,
 ) -> FloatArray:
     """Returns the change of an object's offset that explains touches best, shape (3,).
 
-    A fingertip that touches at the gap g_i from the surface says that the surface is there. With
-    the standard deviations σ of a gap and S of the estimate, the change ξ of the offset
-    b = (x, y, yaw) from the estimate minimizes
+    A fingertip that touches at the gap g_i from the surface says that the surface is there. One
+    that is inside the object and feels nothing says so less surely: it may as well be beyond an
+    edge. With the standard deviations σ_i of a gap, 1 mm and 3 mm, and S of the estimate, the
+    change ξ of the offset b = (x, y, yaw) from the estimate minimizes
 
-        Σ (g_i - a_i ξ)²/σ² + |S⁻¹ (b + ξ)|²   over the fingertips i that touch.
+        Σ (g_i - a_i ξ)²/σ_i² + |S⁻¹ (b + ξ)|²   over these fingertips i.
 
-    It is zero without touch. Touches from opposite sides cancel.
+    It is zero without any. Touches from opposite sides cancel.
 
     Args:
         gaps: Signed gaps between the fingertips and the surface of the object after the present
@@ -32,11 +40,15 @@ def touch_correction(
             displacements along x and y in metres and by unit yaw in radians, shape (n, 3).
         touching: Mask of the fingertips that touch, shape (n,).
         offset: Present offset b, shape (3,), in metres and radians.
+        inside: Mask of the fingertips that are inside and feel nothing, shape (n,); none if not
+            set.
     """
-    if not touching.any():
+    counts = touching if inside is None else touching | inside
+    if not counts.any():
         return np.zeros(3)
-    A = rows[touching] * _STD / _TOUCH_STD
-    slope = A.T @ gaps[touching] / _TOUCH_STD - offset / _STD
+    std = np.where(touching, _TOUCH_STD, _INSIDE_STD)[counts]
+    A = rows[counts] * _STD / std[:, None]
+    slope = A.T @ (gaps[counts] / std) - offset / _STD
     return np.asarray(_STD * np.linalg.solve(A.T @ A + np.eye(3), slope))
 
 

@@ -183,9 +183,7 @@ class DifferentialKinematics(LeafSystem):
 
     def _place(self, context: Context, placed: Context) -> None:
         command: GraspCommand = self._command.Eval(context)
-        R, p = command.R_WO, command.p_WO
-        if command.fingers_hold.any():
-            R, p = command.R_WG, command.p_WG
+        R, p, _ = command.expected_object
         solids = ports.eval_solids(self, self._obstacles, context, *_IN_W)
         known = [solid for solid in solids if solid is not ANYWHERE]
         X_WO = RigidTransform(RotationMatrix(R), p)

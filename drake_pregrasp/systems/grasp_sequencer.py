@@ -255,8 +255,9 @@ class GraspSequencer(LeafSystem):
                 p_GL_W, raised, rising = R_WG @ self._p_OCoM, 0.0, 0.0
                 left = float((p_WL - p_WO - p_GL_W) @ axis)
                 standoffs = self._passing_gaps(context, standoffs, left, axis @ R_WG)
-                p_WG, V_WG = p_WL - p_GL_W, np.array([V_WG[0], v_WL - skew(V_WG[0]) @ p_GL_W])
-        nhat = self._contact_frames(context)[1]
+                p_WG = p_WL - p_GL_W + np.array([offset[0], offset[1], 0.0])
+                V_WG = np.array([V_WG[0], v_WL - skew(V_WG[0]) @ p_GL_W])
+        nhat, holding = self._contact_frames(context)[1], state.fingers_hold
         if state.forces.any():
             since = 0.0 if memory.stands else time - memory.last.time
             forces = state.planned_forces(since, settings)
@@ -270,10 +271,11 @@ class GraspSequencer(LeafSystem):
             R_WG=R_WG,
             p_WG=p_WG + raised * axis,
             V_WG=np.array([V_WG[0], V_WG[1] + rising * axis]),
+            has_object_at_G=state.phase == GraspPhase.TRACK or bool(holding.any()),
             is_tracked=is_tracked,
             holds_contacts=state.holds_contacts,
             standoffs=standoffs,
-            fingers_hold=state.fingers_hold,
+            fingers_hold=holding,
             f_T_W=forces @ R_WG.T,
             nhat_W=np.nan_to_num(nhat @ R_WG.T),
             force_limits=state.force_limits(settings.touch_force),
@@ -339,12 +341,13 @@ class GraspSequencer(LeafSystem):
         p_OC, nhat, active = self._contact_frames(context)
         p_GT = self._tips(context)
         gaps = np.add.reduce((p_GT - p_OC) * nhat, axis=1) - self._radius
-        presses, wanted = np.zeros((2, len(p_OC)))
-        surface_gaps, rows = gaps, np.zeros(p_OC.shape)
-        if state.phase >= GraspPhase.CLOSE:  # Forces are slow to compute, and not used before.
-            f_T_W = validated_numbers(self._f_T_W.Eval(context)).reshape(-1, 3)
+        wanted, surface_gaps, rows = np.zeros(len(p_OC)), gaps, np.zeros(p_OC.shape)
+        f_T_W = validated_numbers(self._f_T_W.Eval(context)).reshape(-1, 3)
+        presses, closes = norms(f_T_W), state.phase >= GraspPhase.CLOSE
+        if closes:
             forces = np.array([f_T_W, command.f_T_W])
             presses, wanted = -np.sum(forces @ command.R_WG * nhat, axis=2)
+        if closes or np.any(presses >= self._settings.touch_force):
             normals = nhat
             if self._solid is not None:
                 heights, normals = self._solid.distance_and_gradient(p_GT)

@@ -263,16 +263,14 @@ class HandScene:
         X_WB = pose.X_WB[self._bodies[link]]
         p_BQ = self._R_BLink[link] @ p_LinkQ[:, :, None] + self._p_BLink[link]
         p_WQ = (X_WB[:, :, :3] @ p_BQ)[:, :, 0] + X_WB[:, :, 3]
-        R_WO, p_WO, (w_WO, v_WO) = command.R_WO, command.p_WO, command.V_WO
-        holding = command.fingers_hold
-        if holding.any():
-            R_WO, p_WO, (w_WO, v_WO) = command.R_WG, command.p_WG, command.V_WG
+        R_WO, p_WO, (w_WO, v_WO) = command.expected_object
         rows = np.flatnonzero(other == links)
         if self._solid is not None and len(rows):  # Drake measures from the hull of the object.
             solid = self._solid.moved(R_WO, p_WO)
             gaps[rows], p_WQ[rows], normals[rows] = self._nearest(solid, link[rows], pose)
         V_W = np.concatenate([w_WO, v_WO + skew(p_WO) @ w_WO])  # At the origin of W.
         near = NearPairs(link, other, gaps, p_WQ, normals)
+        holding = command.fingers_hold
         return self.kernels.clearances(self._links, near, pose.screws, V_W, holding, rate)
 
     def _nearest(

@@ -365,6 +365,29 @@ def test_the_frame_moves_away_from_a_finger_that_is_inside_and_feels_nothing(fin
     assert inward == pytest.approx(gaps[finger] - before.standoffs[finger])
 
 
+@pytest.mark.parametrize(
+    ("share", "gap", "moves"), [(0.9, 0.02, False), (1.1, 0.02, True), (1.1, 0.06, False)]
+)
+@pytest.mark.parametrize("phase", [GraspPhase.APPROACH, GraspPhase.TRACK])
+@pytest.mark.parametrize("finger", [0, 3])
+def test_before_it_closes_the_frame_yields_to_a_finger_that_feels_the_object(
+    finger, phase, share, gap, moves
+):
+    """What is farther away than the largest correction is something else."""
+    gaps, nothing = np.full(N, gap), np.zeros(N)
+    presses = np.where(np.arange(N) == finger, share * SETTINGS.touch_force, 0.0)
+    view = closing_view(
+        close=False, gaps=gaps, surface_gaps=gaps, presses=presses, wanted=nothing, rows=ROUND
+    )
+    state = replace(GraspState.first(N, SETTINGS), phase=phase)
+    after = next_state(state, view, SETTINGS, PERIOD, balanced)
+    displaced = ROUND @ after.offset
+    assert (displaced[finger] > 0) == moves
+    assert np.max(displaced) == displaced[finger] <= 0.1 * PERIOD + 1e-12
+    assert not after.touched.any()
+    np.testing.assert_array_equal(after.standoffs, state.standoffs)
+
+
 @given(st.integers(0, N - 1), st.floats(0.002, 0.018))
 def test_the_touch_of_one_finger_moves_the_frame_but_not_the_finger(finger, gap):
     """The gap that the finger keeps in G shrinks by the displacement of G."""

@@ -88,6 +88,30 @@ def test_touches_from_opposite_sides_cancel(gap, azimuth, arm):
     )
 
 
+@given(st.floats(-0.02, -0.002), turns, st.floats(-0.05, 0.05))
+def test_a_finger_inside_that_feels_nothing_moves_the_surface_like_a_less_certain_touch(
+    gap, azimuth, arm
+):
+    rows, first, gaps = rows_of(azimuth + AROUND, arm), np.arange(N) == 0, np.full(N, gap)
+    by_touch = rows[0] @ touch_correction(gaps, rows, first, NONE)
+    found = rows[0] @ touch_correction(gaps, rows, ~first & first, NONE, first)
+    assert gap <= by_touch < found < 0.8 * gap
+
+
+@pytest.mark.parametrize("depth", [0.003, 0.01])
+def test_a_finger_beyond_an_edge_does_not_turn_an_object_that_others_touch(depth):
+    """Two fingers and a thumb touch opposite faces; a third finger is in front of the same face."""
+    normals = np.array([[1, 0], [1, 0], [1, 0], [-1, 0], [0, 1]])
+    rows = np.column_stack([normals, [0.03, 0.005, -0.03, 0.0, 0.0]])
+    gaps = np.where(np.arange(N) == 2, -depth, 0.0)
+    touching, inside = np.isin(np.arange(N), [0, 1, 3]), np.arange(N) == 2
+    change = touch_correction(gaps, rows, touching, NONE, inside)
+    assert np.max(np.abs((rows @ change)[touching])) < 0.1 * depth
+    # A finger that touched there would turn it by more.
+    turned = touch_correction(gaps, rows, touching | inside, NONE)
+    assert abs(change[2]) < 0.5 * abs(turned[2])
+
+
 @given(st.floats(-0.02, 0.02), st.floats(-0.02, 0.02), st.floats(-0.15, 0.15), arms)
 def test_a_displaced_object_is_found_by_touches_from_all_sides(x, y, yaw, arm):
     arm = arm + 0.03 * np.array([1, -1, 1, -1, 0])

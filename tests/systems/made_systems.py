@@ -137,7 +137,7 @@ def grasp_command(X_WO=None, X_WG=None, V_WO=None, V_WG=None, **changes):
     """A command while the hand tracks an object at rest; G is at O unless it is given."""
     X_WO = RigidTransform() if X_WO is None else X_WO
     X_WG = X_WO if X_WG is None else X_WG
-    still = SpatialVelocity.Zero()
+    still, holding = SpatialVelocity.Zero(), np.zeros(N, dtype=bool)
     fields = {
         "R_WO": X_WO.rotation().matrix(),
         "p_WO": X_WO.translation(),
@@ -145,10 +145,11 @@ def grasp_command(X_WO=None, X_WG=None, V_WO=None, V_WG=None, **changes):
         "R_WG": X_WG.rotation().matrix(),
         "p_WG": X_WG.translation(),
         "V_WG": (V_WG or still).get_coeffs().reshape(2, 3),
+        "has_object_at_G": np.any(changes.get("fingers_hold", holding)),
         "is_tracked": True,
         "holds_contacts": False,
         "standoffs": np.full(N, dp.GraspConfig().standoff),
-        "fingers_hold": np.zeros(N, dtype=bool),
+        "fingers_hold": holding,
         "f_T_W": np.zeros((N, 3)),
         "nhat_W": np.tile([1.0, 0.0, 0.0], (N, 1)),
         "force_limits": np.full((N, 2), NO_LIMIT),

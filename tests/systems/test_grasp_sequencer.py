@@ -382,6 +382,31 @@ def test_a_touch_moves_the_frame_and_the_other_fingers_to_the_object(azimuth):
     np.testing.assert_allclose(hand.eval("X_WG").translation(), center, atol=2e-3)
 
 
+@pytest.mark.parametrize("place", [None, [0.1, 0.02, 0.2]])
+def test_a_touch_before_the_hand_closes_moves_the_frame_and_where_the_object_is_expected(place):
+    """The first finger comes down on an object that is not where it is estimated."""
+    X_WO = RigidTransform([0.1, 0.0, 0.05])
+    hand = sequencer_over(X_WO, make_sequencer(object_solid=BallSolid([0, 0, 0], 0.05)))
+    hand.fix(
+        approach=[MEETING, *np.full(6, np.nan)] if place is None else [MEETING, *place, 0, 0, 0]
+    )
+    before = hand.eval("X_WG").translation().copy()
+    tips = hand.eval("command").p_WG + (0.05 + RADIUS + SETTINGS.standoff) * RING
+    down = np.where(np.arange(N) == 0, -2 * SETTINGS.touch_force, 0.0)[:, None] * [0, 0, 1]
+    hand.fix(p_WT=tips.ravel(), f_T_W=down.ravel())
+    for _ in range(3):
+        hand.tick()
+    moved = hand.eval("X_WG").translation() - before
+    assert 0.8 * 0.1 * 2 * CONTROL_PERIOD < moved @ RING[0] < 0.1 * 4 * CONTROL_PERIOD
+    hand.fix(f_T_W=np.zeros(3 * N))
+    hand.advance(MEETING + 0.1)
+    command = hand.eval("command")
+    assert hand.array("grasp_report")[0] == GraspPhase.TRACK
+    np.testing.assert_allclose(command.p_WG - X_WO.translation(), moved, atol=1e-9)
+    np.testing.assert_array_equal(command.expected_object[1], command.p_WG)
+    np.testing.assert_array_equal(command.p_WO, X_WO.translation())
+
+
 def test_pads_that_touch_beside_their_middles_do_not_move_the_frame_across_their_way():
     """Normals at their middles lean to one side, and both pads touch before these do."""
     ways, X_WO = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]), RigidTransform([0.0, 0.0, 0.05])
