@@ -184,7 +184,7 @@ def _open(state: GraspState, view: GraspView, reason: GiveUp, detail: float) -> 
 
 def _yielding(state: GraspState, view: GraspView, feel: BoolArray, period: float) -> GraspState:
     """Moves the frame G toward fingertips that already feel the object, so that they recede."""
-    change = touch_correction(view.surface_gaps, view.rows, feel, state.offset)
+    change = touch_correction(view.surface_gaps, view.rows, feel, np.zeros(3))
     return replace(state, offset=limited_offset(state.offset, change, _YIELDING * period))
 
 
@@ -215,7 +215,8 @@ def _track(
     why_not = grasp_problem(fingers, settings, squeeze)
     if why_not is None:
         closing = _enter(state, GraspPhase.CLOSE, view)
-        return replace(closing, active=fingers, reason=GiveUp.NONE, detail=0.0)
+        closing = replace(closing, reason=GiveUp.NONE, detail=0.0)
+        return replace(closing, active=fingers, yielded=state.offset)
     if is_late:
         why_not = GiveUp.OFF_GOAL, float(np.argmax(late))
     return _open(state, view, *why_not) if waited else state
@@ -285,7 +286,9 @@ def _moved_by_touch(
     elapsed = view.time - state.since
     speed = np.minimum(settings.closing_speed, settings.closing_acceleration * elapsed)
     inside = state.active & ~touched & (view.surface_gaps < -_INSIDE)
-    change = touch_correction(view.surface_gaps, view.rows, touched, state.offset, inside)
+    # Across the normals of what touches, G stays where touches have moved it before.
+    found = state.offset - state.yielded
+    change = touch_correction(view.surface_gaps, view.rows, touched, found, inside)
     offset = limited_offset(state.offset, change, float(np.min(speed)) * period)
     met = np.maximum(state.standoffs, view.gaps - _STRAIN)
     away = view.rows @ (offset - state.offset)

@@ -245,6 +245,7 @@ class GraspState:
         share: Applied share of the squeeze, from 0 to 1.
         offset: Correction of the estimated object by touch: horizontal displacement of its centre
             of mass in W in metres, and turn about the vertical in radians, shape (3,).
+        yielded: Its value when the hand began to close: what touch had found before, shape (3,).
         standoffs: Commanded gap between each fingertip and the object, shape (n,), in metres.
         active: Whether each finger takes part, shape (n,), fixed when the hand closes.
         touched: Whether each finger touches the object, shape (n,), until the squeeze begins.
@@ -263,6 +264,7 @@ class GraspState:
     height: Ramp
     share: float
     offset: FloatArray
+    yielded: FloatArray
     standoffs: FloatArray
     active: BoolArray
     touched: BoolArray
@@ -284,6 +286,7 @@ class GraspState:
             height=Ramp.at_rest(settings.approach_height),
             share=0.0,
             offset=np.zeros(3),
+            yielded=np.zeros(3),
             standoffs=np.full(num_fingers, settings.standoff, dtype=float),
             active=np.zeros(num_fingers, dtype=bool),
             touched=np.zeros(num_fingers, dtype=bool),
