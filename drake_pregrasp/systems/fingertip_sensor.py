@@ -13,6 +13,7 @@ from drake_pregrasp.systems.hand_kinematics import HandKinematics
 from drake_pregrasp.systems.ports import declare_cache, declare_context, declare_output
 
 _SMOOTHING = 0.01  # Time constant of measured forces, in seconds.
+_AT_STOP = 1e-3  # Distance from a limit at which a joint may be at its stop, in rad or m.
 
 
 class FingertipSensor(LeafSystem):
@@ -43,7 +44,7 @@ class FingertipSensor(LeafSystem):
     smoothed with a time constant of 10 ms; NaN if a position, velocity or torque is not finite. The
     torques that accelerate the hand do not count: J^T f = tau - M dv/dt - C v with the acceleration
     since the last measurement. In continuous time, this is a momentum observer (De Luca & Mattone,
-    2005).
+    2005). Nor do those that press a joint against its stop.
 
     Port `J_WT` emits a vector of 3n nq: the Jacobians of the fingertips' velocities in W, shape (n,
     3, nq); NaN if a position is not finite.
@@ -101,6 +102,9 @@ class FingertipSensor(LeafSystem):
             acceleration = (v - v_last) / elapsed
             inertial = self._hand.plant.CalcInverseDynamics(placed, acceleration, self._no_forces)
             newest = (actuation if self._is_sampled else actuation_last) - inertial
+            q = state[:nq]
+            newest = np.where(q > self._hand.upper - _AT_STOP, np.minimum(newest, 0.0), newest)
+            newest = np.where(q < self._hand.lower + _AT_STOP, np.maximum(newest, 0.0), newest)
             pressing = np.where(are_valid(pressing), pressing, newest)
             pressing += self._gain * (newest - pressing)
         measured = np.concatenate([pressing, v, actuation, [time]])
