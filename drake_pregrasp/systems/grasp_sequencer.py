@@ -105,7 +105,9 @@ class GraspSequencer(LeafSystem):
     last valid one counts.
 
     Port `command` emits a `GraspCommand`. Its frame G is the estimated pose of O, or on its way
-    there while the hand approaches. While the hand closes, G moves with the estimated velocity, and
+    there while the hand approaches, as touch has corrected it: before the hand closes, a fingertip
+    that feels `touch_force` moves G with up to 0.1 m/s, so that it recedes from the object. While
+    the hand closes, G moves with the estimated velocity, and
     toward the estimate with a time constant of 0.3 s, its centre of mass within 2 mm of it. From
     the squeeze on, G moves with the object that the fingers hold (`HeldMotion`), within `TETHER` of
     the estimate as touch corrects it; for the lift it stops with a constant deceleration, and moves
