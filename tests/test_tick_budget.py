@@ -75,7 +75,7 @@ def test_a_control_tick_of_a_hand_is_small() -> None:
     simulator = Simulator(make_diagram(load_scenario("grasp_five_finger")))
     # Only the squeeze plans forces, at each tick.
     for time, files, functions, count in (
-        (2.011, 26, 88, 144),
+        (2.011, 26, 90, 151),
         (4.511, 27, 109, 193),
         (5.211, 29, 113, 229),
         (7.011, 28, 98, 176),

@@ -17,8 +17,8 @@ class GraspCommand:
         R_WG: Orientation of the frame G in which goals are planned, shape (3, 3).
         p_WG: Position of G in W, shape (3,), in metres.
         V_WG: Velocity of G, as that of the object, on average until the next tick, shape (2, 3).
-        has_object_at_G: Whether the object is expected where G is, which touch has corrected, and
-            not where it was last estimated.
+        expected_object: Orientation, position and velocity of the object in W, where links avoid
+            it: those of G, which touch has corrected, once G is at the object; else the estimate.
         is_tracked: Whether goals may follow the estimate.
         holds_contacts: Whether contacts are fixed on the object.
         standoffs: Gap between each fingertip and the surface, shape (n,), in metres; negative
@@ -36,7 +36,7 @@ class GraspCommand:
     R_WG: FloatArray
     p_WG: FloatArray
     V_WG: FloatArray
-    has_object_at_G: bool
+    expected_object: tuple[FloatArray, FloatArray, FloatArray]
     is_tracked: bool
     holds_contacts: bool
     standoffs: FloatArray
@@ -44,10 +44,3 @@ class GraspCommand:
     f_T_W: FloatArray
     nhat_W: FloatArray
     force_limits: FloatArray
-
-    @property
-    def expected_object(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Orientation, position and velocity of the object in W, where links have to avoid it."""
-        if self.has_object_at_G:
-            return self.R_WG, self.p_WG, self.V_WG
-        return self.R_WO, self.p_WO, self.V_WO

@@ -259,21 +259,23 @@ class GraspSequencer(LeafSystem):
                 standoffs = self._passing_gaps(context, standoffs, left, axis @ R_WG)
                 p_WG = p_WL - p_GL_W + np.array([offset[0], offset[1], 0.0])
                 V_WG = np.array([V_WG[0], v_WL - skew(V_WG[0]) @ p_GL_W])
+        p_WG, V_WG = p_WG + raised * axis, np.array([V_WG[0], V_WG[1] + rising * axis])
         nhat, holding = self._contact_frames(context)[1], state.fingers_hold
         if state.forces.any():
             since = 0.0 if memory.stands else time - memory.last.time
             forces = state.planned_forces(since, settings)
-            forces += self._held.restoring_forces(context, R_WG, p_WG + raised * axis)
+            forces += self._held.restoring_forces(context, R_WG, p_WG)
         else:
             forces = state.touch_forces(nhat, settings.touch_force)
+        at_object = state.phase == GraspPhase.TRACK or holding.any()
         return GraspCommand(
             R_WO=R_WO,
             p_WO=p_WO,
             V_WO=V_WO,
             R_WG=R_WG,
-            p_WG=p_WG + raised * axis,
-            V_WG=np.array([V_WG[0], V_WG[1] + rising * axis]),
-            has_object_at_G=state.phase == GraspPhase.TRACK or bool(holding.any()),
+            p_WG=p_WG,
+            V_WG=V_WG,
+            expected_object=(R_WG, p_WG, V_WG) if at_object else (R_WO, p_WO, V_WO),
             is_tracked=is_tracked,
             holds_contacts=state.holds_contacts,
             standoffs=standoffs,
@@ -345,10 +347,11 @@ class GraspSequencer(LeafSystem):
         gaps = np.add.reduce((p_GT - p_OC) * nhat, axis=1) - self._radius
         wanted, surface_gaps, rows = np.zeros(len(p_OC)), gaps, np.zeros(p_OC.shape)
         f_T_W = validated_numbers(self._f_T_W.Eval(context)).reshape(-1, 3)
-        presses, closes = norms(f_T_W), state.phase >= GraspPhase.CLOSE
-        if closes:
+        if closes := state.phase >= GraspPhase.CLOSE:
             forces = np.array([f_T_W, command.f_T_W])
             presses, wanted = -np.sum(forces @ command.R_WG * nhat, axis=2)
+        else:
+            presses = norms(f_T_W)
         if closes or np.any(presses >= self._settings.touch_force):
             normals = nhat
             if self._solid is not None:

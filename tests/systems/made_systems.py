@@ -145,7 +145,6 @@ def grasp_command(X_WO=None, X_WG=None, V_WO=None, V_WG=None, **changes):
         "R_WG": X_WG.rotation().matrix(),
         "p_WG": X_WG.translation(),
         "V_WG": (V_WG or still).get_coeffs().reshape(2, 3),
-        "has_object_at_G": np.any(changes.get("fingers_hold", holding)),
         "is_tracked": True,
         "holds_contacts": False,
         "standoffs": np.full(N, dp.GraspConfig().standoff),
@@ -154,6 +153,8 @@ def grasp_command(X_WO=None, X_WG=None, V_WO=None, V_WG=None, **changes):
         "nhat_W": np.tile([1.0, 0.0, 0.0], (N, 1)),
         "force_limits": np.full((N, 2), NO_LIMIT),
     }
+    frame = "G" if np.any(changes.get("fingers_hold", holding)) else "O"
+    fields["expected_object"] = tuple(fields[f"{kind}_W{frame}"] for kind in "RpV")
     return GraspCommand(**(fields | changes))
 
 
