@@ -15,7 +15,7 @@ from drake_pregrasp.fast import SWITCH
 
 PACKAGE = str(Path(drake_pregrasp.__file__).parent)
 # They sample or move the plant in each of its steps.
-SENSOR = ("FingertipSensor._measure", "FingertipSensor._place")
+SENSOR = ("FingertipSensor._measure", "FingertipSensor._place", "HandKinematics.moves_freely")
 PLANT = ("LinkContacts", "_contacts", "BodyPose", "ObjectShake", "Launch", *SENSOR)
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drake_pregrasp.arrays import TIME_ROUNDING, BoolArray, FloatArray
+from drake_pregrasp.arrays import TIME_ROUNDING, BoolArray, FloatArray, norms
 from drake_pregrasp.grasping.grasp_state import (
     NOT_BLOCKED,
     RELEASE_SHARE,
@@ -38,6 +38,7 @@ _STRAIN = 0.002  # Depth to which a finger that touches presses, within the limi
 _ON_THE_WAY = 1.5  # Distance from its goal, in gate distances, beyond which a finger moves to it.
 _BESIDE = 2.0  # Distance along the surface, in gate distances, up to which a finger may touch.
 _YIELDING = 0.1  # Speed with which a hand that is not closing moves away from a touch, in m/s.
+_BESIDE_OBJECT = 0.5  # Least horizontal part of a normal with which such a touch counts.
 _INSIDE = 0.002  # Depth in the object from which on a finger that touches nothing moves G, in m.
 _EASING = 0.2  # Share of the closing speed with which fingers give up this strain.
 
@@ -125,8 +126,8 @@ def next_state(
     elif state.reason == GiveUp.BLOCKED:
         state = replace(state, reason=GiveUp.NONE, detail=0.0)
     if state.phase <= GraspPhase.TRACK:
-        feel = (view.presses >= settings.touch_force) & (view.surface_gaps <= LARGEST_SHIFT)
-        state = _yielding(state, view, feel, period) if feel.any() else state
+        feel = view.presses >= settings.touch_force
+        state = _yielding(state, view, settings, feel, period) if feel.any() else state
     if state.phase in (GraspPhase.LIFT, GraspPhase.HOLD):
         is_off = view.presses < settings.touch_force / 2
         state = replace(state, pressed=np.where(is_off, state.pressed, view.time))
@@ -182,9 +183,16 @@ def _open(state: GraspState, view: GraspView, reason: GiveUp, detail: float) -> 
     )
 
 
-def _yielding(state: GraspState, view: GraspView, feel: BoolArray, period: float) -> GraspState:
-    """Moves the frame G toward fingertips that already feel the object, so that they recede."""
-    change = touch_correction(view.surface_gaps, view.rows, feel, np.zeros(3))
+def _yielding(
+    state: GraspState, view: GraspView, settings: GraspSettings, feel: BoolArray, period: float
+) -> GraspState:
+    """Moves the frame G to where fingertips feel the object, whose standoff then moves them off it.
+
+    What is far away from the object is something else, and on top of it, no motion of G helps.
+    """
+    near = view.surface_gaps <= settings.standoff + LARGEST_SHIFT
+    beside = norms(view.rows[:, :2]) >= _BESIDE_OBJECT
+    change = touch_correction(view.surface_gaps, view.rows, feel & near & beside, np.zeros(3))
     return replace(state, offset=limited_offset(state.offset, change, _YIELDING * period))
 
 

@@ -18,7 +18,7 @@ class GraspCommand:
         p_WG: Position of G in W, shape (3,), in metres.
         V_WG: Velocity of G, as that of the object, on average until the next tick, shape (2, 3).
         expected_object: Orientation, position and velocity of the object in W, where links avoid
-            it: those of G, which touch has corrected, once G is at the object; else the estimate.
+            it: those of G while fingers hold, else the estimate as touch has corrected it.
         is_tracked: Whether goals may follow the estimate.
         holds_contacts: Whether contacts are fixed on the object.
         standoffs: Gap between each fingertip and the surface, shape (n,), in metres; negative

@@ -10,9 +10,7 @@ LARGEST_SHIFT, LARGEST_TURN = 0.03, 0.3
 
 _STD = np.array([0.01, 0.01, 0.09])  # Of the estimate: x and y in metres, and yaw in radians.
 _TOUCH_STD = 0.001  # Of the gap of a fingertip that touches, in metres.
-_INSIDE_STD = (
-    0.003  # Of the surface beside a fingertip that is inside and feels nothing, in metres.
-)
+_INSIDE_STD = 0.003  # Of the gap of one that is inside and feels nothing, in metres.
 
 
 def touch_correction(
@@ -26,8 +24,8 @@ def touch_correction(
 
     A fingertip that touches at the gap g_i from the surface says that the surface is there. One
     that is inside the object and feels nothing says so less surely: it may as well be beyond an
-    edge. With the standard deviations σ_i of a gap, 1 mm and 3 mm, and S of the estimate, the
-    change ξ of the offset b = (x, y, yaw) from the estimate minimizes
+    edge. With the standard deviations σ_i of a gap, 1 mm and 3 mm, and S of the object's pose, the
+    change ξ of an offset b = (x, y, yaw) from where the object was expected minimizes
 
         Σ (g_i - a_i ξ)²/σ_i² + |S⁻¹ (b + ξ)|²   over these fingertips i.
 
@@ -39,7 +37,8 @@ def touch_correction(
         rows: Displacement a_i of the surface along the normal at each fingertip, by unit
             displacements along x and y in metres and by unit yaw in radians, shape (n, 3).
         touching: Mask of the fingertips that touch, shape (n,).
-        offset: Present offset b, shape (3,), in metres and radians.
+        offset: Present offset b, shape (3,), in metres and radians; zero for a change that does not
+            depend on it.
         inside: Mask of the fingertips that are inside and feel nothing, shape (n,); none if not
             set.
     """

@@ -68,8 +68,7 @@ class DifferentialKinematics(LeafSystem):
     Port `goals` accepts `HandGoals`, as `HandGoalShaper` emits them.
 
     Port `command` accepts a `GraspCommand`, as `GraspSequencer` emits it. Links are kept clear of
-    the object where it is estimated, or at the frame G while fingers hold it. The fingertips press
-    with its forces.
+    the object where this expects it. The fingertips press with its forces.
 
     Port `obstacles` (optional) accepts `Obstacles` in W. Only their solids count, and not those
     with numbers that are not finite.
@@ -274,7 +273,8 @@ class DifferentialKinematics(LeafSystem):
         v_known = v_last if elapsed < 1.5 * self._step else v
         behind = q - elapsed * (v - v_known) - (q_now + self._step * v_now)
         torques = hand.stiffness * behind + hand.damping * (v_known - v_now) - inertial
-        J_WT = self._pose.Eval(context).J_WT
+        # A stop would bear a part of the torques that limits leave, and the rest moves the finger.
+        J_WT = np.where(hand.moves_freely(q_now), self._pose.Eval(context).J_WT, 0.0)
         limits, nhat_W = limits.reshape(n, 2), nhat_W.reshape(n, 3)
         allowed = hand.with_limited_forces(J_WT, torques, limits, nhat_W)
         return np.concatenate([q - (torques - allowed) / hand.stiffness, v])

@@ -13,7 +13,6 @@ from drake_pregrasp.systems.hand_kinematics import HandKinematics
 from drake_pregrasp.systems.ports import declare_cache, declare_context, declare_output
 
 _SMOOTHING = 0.01  # Time constant of measured forces, in seconds.
-_AT_STOP = 1e-3  # Distance from a limit at which a joint may be at its stop, in rad or m.
 
 
 class FingertipSensor(LeafSystem):
@@ -44,7 +43,7 @@ class FingertipSensor(LeafSystem):
     smoothed with a time constant of 10 ms; NaN if a position, velocity or torque is not finite. The
     torques that accelerate the hand do not count: J^T f = tau - M dv/dt - C v with the acceleration
     since the last measurement. In continuous time, this is a momentum observer (De Luca & Mattone,
-    2005). Nor do those that press a joint against its stop.
+    2005). A joint at its stop shows no force, because the stop may bear its torque.
 
     Port `J_WT` emits a vector of 3n nq: the Jacobians of the fingertips' velocities in W, shape (n,
     3, nq); NaN if a position is not finite.
@@ -102,9 +101,7 @@ class FingertipSensor(LeafSystem):
             acceleration = (v - v_last) / elapsed
             inertial = self._hand.plant.CalcInverseDynamics(placed, acceleration, self._no_forces)
             newest = (actuation if self._is_sampled else actuation_last) - inertial
-            q = state[:nq]
-            newest = np.where(q > self._hand.upper - _AT_STOP, np.minimum(newest, 0.0), newest)
-            newest = np.where(q < self._hand.lower + _AT_STOP, np.maximum(newest, 0.0), newest)
+            newest = np.where(self._hand.moves_freely(state[:nq]), newest, 0.0)
             pressing = np.where(are_valid(pressing), pressing, newest)
             pressing += self._gain * (newest - pressing)
         measured = np.concatenate([pressing, v, actuation, [time]])
@@ -115,4 +112,5 @@ class FingertipSensor(LeafSystem):
         pressing = context.get_discrete_state(self._last).value()[: self._hand.num_positions]
         if not (are_valid(pose.p_WT) and are_valid(pressing)):
             return np.full(pose.p_WT.size, np.nan)
-        return self._hand.tip_forces(pose.J_WT, pressing.copy())
+        free = self._hand.moves_freely(self._state.Eval(context)[: len(pressing)])
+        return self._hand.tip_forces(np.where(free, pose.J_WT, 0.0), pressing.copy())

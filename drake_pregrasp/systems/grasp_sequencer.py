@@ -105,18 +105,19 @@ class GraspSequencer(LeafSystem):
     last valid one counts.
 
     Port `command` emits a `GraspCommand`. Its frame G is the estimated pose of O, or on its way
-    there while the hand approaches, as touch has corrected it: before the hand closes, a fingertip
-    that feels `touch_force` moves G with up to 0.1 m/s, so that it recedes from the object. While
-    the hand closes, G moves with the estimated velocity, and
-    toward the estimate with a time constant of 0.3 s, its centre of mass within 2 mm of it. From
-    the squeeze on, G moves with the object that the fingers hold (`HeldMotion`), within `TETHER` of
-    the estimate as touch corrects it; for the lift it stops with a constant deceleration, and moves
-    along `lift_direction`. Contacts are held from closing or giving up until the next approach. A
-    finger holds from the moment the hand closes until it releases; it may avoid obstacles at other
-    times. The forces, once the hand closes, are those at the points of the object nearest to the
-    fingertips. They balance the weight and the acceleration of stop and lift; until the lift, only
-    their part without a wrench is commanded. From the lift on, forces against turns of the object
-    are added, and in the hold also against its displacements (`restoring_forces`).
+    there while the hand approaches. If a fingertip feels `touch_force` before the hand closes, G
+    moves to where it is felt, by at most 0.1 m/s and 30 mm in all, and stays there relative to the
+    estimate; the fingertip, whose goal keeps its gap, recedes. While the hand closes, G moves with
+    the estimated velocity, and toward the estimate with a time constant of 0.3 s, its centre of
+    mass within 2 mm of it. From the squeeze on, G moves with the object that the fingers hold
+    (`HeldMotion`), within `TETHER` of the estimate as touch corrects it; for the lift it stops with
+    a constant deceleration, and moves along `lift_direction`. Contacts are held from closing or
+    giving up until the next approach. A finger holds from the moment the hand closes until it
+    releases; it may avoid obstacles at other times. The forces, once the hand closes, are those at
+    the points of the object nearest to the fingertips. They balance the weight and the acceleration
+    of stop and lift; until the lift, only their part without a wrench is commanded. From the lift
+    on, forces against turns of the object are added, and in the hold also against its displacements
+    (`restoring_forces`).
 
     Port `X_WG` emits a `RigidTransform`: the pose of the frame G of the command.
 
@@ -240,12 +241,14 @@ class GraspSequencer(LeafSystem):
         _, R_WO, p_WO, is_tracked = self._pose.eval(context)
         V_WO = ports.validated_velocity(self._V_WO.Eval(context))
         offset = self._held.offset.Eval(context)
+        expected = R_WO, p_WO, V_WO
         if memory.is_gripped:
             R_WG, p_WG, V_WG = self._held.frame(context)
         else:
             closes = GraspPhase.CLOSE <= state.phase <= GraspPhase.SQUEEZE
             followed = self._held.followed(context) if closes else (R_WO, p_WO)
             (R_WG, p_WG), V_WG = corrected_pose(*followed, self._p_OCoM, offset), V_WO
+            expected = R_WG, p_WG, V_WO
         axis = self._lift_axis if state.share > 0 else self._palm_axis
         if self._R_OW is not None and state.share == 0:
             axis = turn_about_z(angle_about_z(R_WG @ self._R_OW)) @ axis
@@ -267,7 +270,6 @@ class GraspSequencer(LeafSystem):
             forces += self._held.restoring_forces(context, R_WG, p_WG)
         else:
             forces = state.touch_forces(nhat, settings.touch_force)
-        at_object = state.phase == GraspPhase.TRACK or holding.any()
         return GraspCommand(
             R_WO=R_WO,
             p_WO=p_WO,
@@ -275,7 +277,7 @@ class GraspSequencer(LeafSystem):
             R_WG=R_WG,
             p_WG=p_WG,
             V_WG=V_WG,
-            expected_object=(R_WG, p_WG, V_WG) if at_object else (R_WO, p_WO, V_WO),
+            expected_object=(R_WG, p_WG, V_WG) if holding.any() else expected,
             is_tracked=is_tracked,
             holds_contacts=state.holds_contacts,
             standoffs=standoffs,

@@ -19,6 +19,8 @@ LARGEST_RATE = 10.0
 """Largest rate of any joint, in rad/s or m/s."""
 
 _STIFFEST = 1e7  # Largest horizontal stiffness of a finger, in N/m.
+_AT_STOP = 1e-3  # Distance from its limit at which a joint may be at its stop, in rad or m.
+_LEAST_SQUARE = 1e-12  # Squared singular value of a finger whose joints are all at their stops.
 _LEAST_SHARE = 0.08  # Singular value of a Jacobian below which it is damped, of its largest one.
 
 
@@ -73,6 +75,16 @@ class HandKinematics:
     def own_joints(self, finger: int) -> IntArray:
         """Returns the indices of the joints that move only this finger's tip."""
         return np.flatnonzero(self._is_own[finger])
+
+    def moves_freely(self, q: FloatArray) -> BoolArray:
+        """Returns which joints are not at a stop, which bears any torque, shape (nq,).
+
+        Without them, J^T f is the torques of the other joints alone: see `tip_forces`.
+
+        Args:
+            q: Positions of the joints, shape (nq,).
+        """
+        return np.asarray((self.lower + _AT_STOP < q) & (q < self.upper - _AT_STOP))
 
     def pose(self, q: FloatArray) -> HandPose:
         """Returns the kinematics at positions of the joints, shape (nq,); NaN where these are."""
@@ -140,7 +152,8 @@ class HandKinematics:
         |f| <= |tau|/s0.
 
         Args:
-            J_WT: Jacobians of the fingertips' velocities, shape (n, 3, nq).
+            J_WT: Jacobians of the fingertips' velocities, shape (n, 3, nq); zero columns for joints
+                at their stops.
             actuation: Torques of all joints, shape (nq,), in N m.
         """
         # U and s of J = U s Vᵀ come from J Jᵀ = U s² Uᵀ, which is smaller; Vᵀ tau is s⁻¹ Uᵀ J tau.
@@ -156,7 +169,8 @@ class HandKinematics:
         if not failure and (4 * volumes**2 > _LEAST_SHARE**2 * traces**3).all():
             return np.asarray(forces.reshape(-1, 3))
         squares, U = np.linalg.eigh(J @ J.swapaxes(1, 2))
-        gains = 1 / np.maximum(squares, _LEAST_SHARE**2 * squares[:, -1:])
+        largest = np.maximum(squares[:, -1:], _LEAST_SQUARE)
+        gains = 1 / np.maximum(squares, _LEAST_SHARE**2 * largest)
         damped: FloatArray = U @ (gains[:, :, None] * (U.swapaxes(1, 2) @ along.reshape(-1, 3, 1)))
         return damped[:, :, 0]
 

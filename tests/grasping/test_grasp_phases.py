@@ -366,26 +366,65 @@ def test_the_frame_moves_away_from_a_finger_that_is_inside_and_feels_nothing(fin
 
 
 @pytest.mark.parametrize(
-    ("share", "gap", "moves"), [(0.9, 0.02, False), (1.1, 0.02, True), (1.1, 0.06, False)]
+    ("phase", "share", "gap", "level", "moves"),
+    [
+        (GraspPhase.APPROACH, 1.1, 0.02, 1.0, True),
+        (GraspPhase.TRACK, 1.1, 0.02, 1.0, True),
+        (GraspPhase.TRACK, 1.1, 0.045, 0.6, True),
+        (GraspPhase.TRACK, 0.9, 0.02, 1.0, False),
+        (GraspPhase.TRACK, 1.1, 0.06, 1.0, False),  # Something else.
+        (GraspPhase.TRACK, 1.1, 0.02, 0.4, False),  # On top of the object.
+        (GraspPhase.TRACK, 1.1, 0.02, np.nan, False),
+        (GraspPhase.BACK_OFF, 1.1, 0.02, 1.0, False),
+    ],
 )
-@pytest.mark.parametrize("phase", [GraspPhase.APPROACH, GraspPhase.TRACK])
 @pytest.mark.parametrize("finger", [0, 3])
 def test_before_it_closes_the_frame_yields_to_a_finger_that_feels_the_object(
-    finger, phase, share, gap, moves
+    finger, phase, share, gap, level, moves
 ):
-    """What is farther away than the largest correction is something else."""
-    gaps, nothing = np.full(N, gap), np.zeros(N)
+    gaps = np.full(N, gap)
     presses = np.where(np.arange(N) == finger, share * SETTINGS.touch_force, 0.0)
     view = closing_view(
-        close=False, gaps=gaps, surface_gaps=gaps, presses=presses, wanted=nothing, rows=ROUND
+        close=False, gaps=gaps, surface_gaps=gaps, presses=presses, rows=level * ROUND
     )
-    state = replace(GraspState.first(N, SETTINGS), phase=phase)
+    before = 0.01 * np.array([-ROUND[finger, 1], ROUND[finger, 0], 0.0])  # Across its normal.
+    state = replace(GraspState.first(N, SETTINGS), phase=phase, offset=before, gripped=0.0)
     after = next_state(state, view, SETTINGS, PERIOD, balanced)
-    displaced = ROUND @ after.offset
-    assert (displaced[finger] > 0) == moves
-    assert np.max(displaced) == displaced[finger] <= 0.1 * PERIOD + 1e-12
+    moved = after.offset - before
+    assert (moved @ ROUND[finger] > 0) == moves
+    np.testing.assert_allclose(moved, (moved @ ROUND[finger]) * ROUND[finger], atol=1e-12)
+    assert np.linalg.norm(moved) <= 0.1 * PERIOD + 1e-12
     assert not after.touched.any()
     np.testing.assert_array_equal(after.standoffs, state.standoffs)
+
+
+def test_across_the_normals_of_touches_the_frame_stays_where_it_was_as_the_hand_closed():
+    gaps = np.where(np.arange(N) == 0, 0.01, SETTINGS.standoff)
+    presses = SETTINGS.touch_force * (np.arange(N) == 0)
+    view = closing_view(gaps=gaps, surface_gaps=gaps, presses=presses, rows=ROUND)
+    offset = np.array([0.0, 0.01, 0.0])  # The normal of the first finger is along x.
+    tracking = replace(GraspState.first(N, SETTINGS), phase=GraspPhase.TRACK, offset=offset)
+    at_goals = closing_view(presses=np.zeros(N), rows=ROUND)
+    closing = next_state(tracking, at_goals, SETTINGS, PERIOD, balanced)
+    assert closing.phase == GraspPhase.CLOSE
+    closing = replace(closing, standoffs=gaps, since=0.0)
+    after = next_state(closing, view, SETTINGS, PERIOD, balanced)
+    assert after.offset[0] > 0
+    assert after.offset[1] == pytest.approx(offset[1], abs=1e-9)
+    without = replace(closing, yielded=np.zeros(3))
+    assert next_state(without, view, SETTINGS, PERIOD, balanced).offset[1] < offset[1] - 1e-5
+
+
+def test_a_finger_inside_that_feels_nothing_does_not_outweigh_one_that_touches():
+    """Both are before the same face; the second one may be beyond its edge."""
+    gaps = np.array([0.0, -0.006, 0.02, 0.02, 0.02])
+    rows = np.where(np.arange(N)[:, None] < 2, [1.0, 0.0, 0.0], ROUND)
+    state = replace(CLOSING, standoffs=gaps)
+    for presses, moves in ((SETTINGS.touch_force, False), (0.0, True)):
+        felt = np.where(np.arange(N) == 0, presses, 0.0)
+        view = closing_view(gaps=gaps, surface_gaps=gaps, presses=felt, rows=rows)
+        after = next_state(state, view, SETTINGS, PERIOD, balanced)
+        assert (after.offset[0] < 0) == moves
 
 
 @given(st.integers(0, N - 1), st.floats(0.002, 0.018))

@@ -476,6 +476,18 @@ def test_a_finger_that_is_in_the_way_presses_with_no_more_than_its_limit():
     np.testing.assert_allclose(hand.array("desired_state")[:NQ], Q, atol=1e-7)
 
 
+def test_limits_of_force_leave_a_joint_at_its_stop_alone():
+    """The stop bears what is left of its torque, so that no limit holds for it."""
+    hand = resting_hand(force_limits=np.full((N, 2), 0.01), nhat_W=-FORCES)
+    now, stuck = Q - 0.1, HAND.kinematics.own_joints(1)[1]
+    now[stuck] = HAND.kinematics.upper[stuck]
+    hand.fix(hand_state=np.append(now, np.zeros(NQ)))
+    changed = np.abs(hand.array("desired_state")[:NQ] - Q) > 1e-6
+    assert changed[HAND.kinematics.own_joints(2)].all()
+    assert changed[HAND.kinematics.own_joints(1)].sum() == 2
+    assert not changed[stuck]
+
+
 def test_a_joint_at_its_limit_stays_there():
     system = make_kinematics(initial=Q)
     hand, upper = Driven(system), HAND.kinematics.upper

@@ -62,19 +62,24 @@ def test_a_finger_of_one_joint_feels_the_force_along_its_motion_alone():
 
 
 @pytest.mark.parametrize("limit", [HAND.kinematics.lower, HAND.kinematics.upper])
-@pytest.mark.parametrize("sign", [-1, 1])
-def test_a_torque_against_a_stop_is_no_force_of_the_fingertip(limit, sign):
-    joint = HAND.kinematics.own_joints(2)[1]
-    q, torques = Q.copy(), np.zeros(NQ)
-    q[joint], torques[joint] = limit[joint], 0.1 * sign
-    presses_stop = (sign > 0) == (limit[joint] > Q[joint])
-    sensor = resting_sensor(q, torques)
-    assert np.any(felt(sensor)) != presses_stop
-    J = sensor.array("J_WT").reshape(N, 3, NQ)
-    sensor.fix(net_actuation=np.einsum("nij,ni->j", J, FORCES))
-    sensor.advance(LONG)
-    others = np.arange(N) != 2
-    np.testing.assert_allclose(felt(sensor)[others], FORCES[others], atol=1e-6)
+@pytest.mark.parametrize("torque", [-0.1, 0.1])
+def test_a_joint_at_its_stop_shows_no_force(limit, torque):
+    joint, others = HAND.kinematics.own_joints(2)[1], np.arange(N) != 2
+    for share, shows in ((1.0, False), (0.9, True)):
+        q = Q.copy()
+        q[joint] += share * (limit[joint] - q[joint])
+        sensor = resting_sensor(q, torque * (np.arange(NQ) == joint))
+        assert np.any(felt(sensor)) == shows
+        J = sensor.array("J_WT").reshape(N, 3, NQ)
+        sensor.fix(net_actuation=np.einsum("nij,ni->j", J, FORCES))
+        sensor.advance(LONG)
+        np.testing.assert_allclose(felt(sensor)[others], FORCES[others], atol=1e-6)
+
+
+def test_a_finger_whose_joints_are_all_at_their_stops_feels_nothing():
+    q = HAND.kinematics.upper.copy()
+    q[:4] = 0.0  # The carrier.
+    np.testing.assert_array_equal(felt(resting_sensor(q, np.full(NQ, 0.1))), 0.0)
 
 
 def test_the_stiffness_of_a_finger_is_the_inverse_of_its_compliance():

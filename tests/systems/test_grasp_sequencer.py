@@ -75,7 +75,12 @@ def test_fingers_hold_from_closing_until_they_let_go():
     ):
         hand.fix(**inputs)
         hand.advance(seconds)
-        np.testing.assert_array_equal(hand.eval("command").fingers_hold, holding)
+        command = hand.eval("command")
+        np.testing.assert_array_equal(command.fingers_hold, holding)
+        if any(holding):
+            np.testing.assert_array_equal(command.expected_object[1], command.p_WG)
+        else:
+            np.testing.assert_array_equal(command.expected_object[1], X_WO.translation())
     assert hand.array("hold_contacts")[0] == 1
 
 
@@ -382,29 +387,33 @@ def test_a_touch_moves_the_frame_and_the_other_fingers_to_the_object(azimuth):
     np.testing.assert_allclose(hand.eval("X_WG").translation(), center, atol=2e-3)
 
 
-@pytest.mark.parametrize("place", [None, [0.1, 0.02, 0.2]])
-def test_a_touch_before_the_hand_closes_moves_the_frame_and_where_the_object_is_expected(place):
-    """The first finger comes down on an object that is not where it is estimated."""
-    X_WO = RigidTransform([0.1, 0.0, 0.05])
+@pytest.mark.parametrize("way", [[np.nan] * 6, [0.1, 0.02, 0.2, 0.0, 0.0, -0.1]])
+@pytest.mark.parametrize("direction", [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
+def test_a_touch_before_the_hand_closes_moves_the_frame_and_where_the_object_is_expected(
+    way, direction
+):
+    """The first finger meets an object that is not where it is estimated."""
+    X_WO, first = RigidTransform([0.1, 0.0, 0.05]), np.arange(N)[:, None] == 0
     hand = sequencer_over(X_WO, make_sequencer(object_solid=BallSolid([0, 0, 0], 0.05)))
-    hand.fix(
-        approach=[MEETING, *np.full(6, np.nan)] if place is None else [MEETING, *place, 0, 0, 0]
-    )
+    hand.fix(approach=[MEETING, *way])
     before = hand.eval("X_WG").translation().copy()
     tips = hand.eval("command").p_WG + (0.05 + RADIUS + SETTINGS.standoff) * RING
-    down = np.where(np.arange(N) == 0, -2 * SETTINGS.touch_force, 0.0)[:, None] * [0, 0, 1]
-    hand.fix(p_WT=tips.ravel(), f_T_W=down.ravel())
+    felt = np.where(first, -2 * SETTINGS.touch_force * np.array(direction), 0.0)
+    hand.fix(p_WT=tips.ravel(), f_T_W=felt.ravel())
     for _ in range(3):
         hand.tick()
     moved = hand.eval("X_WG").translation() - before
     assert 0.8 * 0.1 * 2 * CONTROL_PERIOD < moved @ RING[0] < 0.1 * 4 * CONTROL_PERIOD
     hand.fix(f_T_W=np.zeros(3 * N))
-    hand.advance(MEETING + 0.1)
-    command = hand.eval("command")
-    assert hand.array("grasp_report")[0] == GraspPhase.TRACK
-    np.testing.assert_allclose(command.p_WG - X_WO.translation(), moved, atol=1e-9)
-    np.testing.assert_array_equal(command.expected_object[1], command.p_WG)
-    np.testing.assert_array_equal(command.p_WO, X_WO.translation())
+    for seconds, phase in ((0.0, GraspPhase.APPROACH), (MEETING + 0.1, GraspPhase.TRACK)):
+        hand.advance(seconds)
+        command = hand.eval("command")
+        assert hand.array("grasp_report")[0] == phase
+        _, p_W, V_W = command.expected_object
+        np.testing.assert_allclose(p_W - X_WO.translation(), moved, atol=1e-9)
+        np.testing.assert_array_equal(V_W, 0.0)
+        np.testing.assert_array_equal(command.p_WO, X_WO.translation())
+    np.testing.assert_array_equal(command.p_WG, p_W)
 
 
 def test_pads_that_touch_beside_their_middles_do_not_move_the_frame_across_their_way():

@@ -67,8 +67,7 @@ def phase(player):
 @pytest.fixture
 def tracking_hand():
     player = made_systems.driven("sequencer")
-    felt = player.inputs["f_T_W"]
-    player.fix(f_T_W=np.zeros(len(felt)))  # Fingertips that are not at the object feel nothing.
+    player.fix(f_T_W=np.zeros(3 * made_systems.N))  # Not at the object, fingertips feel nothing.
     player.tick(int(made_systems.VALUES["approach"][0][0] / made_systems.CONTROL_PERIOD) + 2)
     assert phase(player) == GraspPhase.TRACK
     player.fix(close=[1.0])
