@@ -157,7 +157,7 @@ def named_files(study: Study) -> dict[str, str]:
     allowed = [study.folder, *map(Path, study.folders)]
     found: set[Path] = set()
     for condition, base in study.bases.items():
-        every: list[Mapping[str, Any]] = [{}, study.config.otherwise]
+        every: list[Mapping[str, Any]] = [{}]
         every += [change for axis in study.grid for change in axis.changes.values()]
         every += [method.overrides for method in study.methods.values()]
         for axis in study.random[condition]:

@@ -89,9 +89,6 @@ class StudyConfig:
     # Changes of the scenario in all runs, as nested keys or by paths.
     overrides: dict[str, Any] = field(default_factory=dict)
 
-    # Changes of a run whose hand has no grasp of the object; without any, the run is refused.
-    otherwise: dict[str, Any] = field(default_factory=dict)
-
     # Conditions by their keys: the rows of the report's tables.
     conditions: dict[str, Any] = field(default_factory=dict)
 

@@ -122,12 +122,8 @@ class Study:
         own = self.conditions[job.get("condition", "")].closing_times
         return own or self.config.closing_times
 
-    def scenario_of(self, job: Mapping[str, Any], *, otherwise: bool = False) -> dict[str, Any]:
-        """Returns the scenario of a job as plain data.
-
-        Args:
-            job: One of `jobs`.
-            otherwise: Whether to apply the changes of a run without a grasp.
+    def scenario_of(self, job: Mapping[str, Any]) -> dict[str, Any]:
+        """Returns the scenario of a job, one of `jobs`, as plain data.
 
         Raises:
             ScenarioError: If a field does not exist.
@@ -137,7 +133,7 @@ class Study:
         changes = [axis.changes[job[axis.name]] for axis in self.grid]
         changes += [axis.changes(job["seed"]) for axis in self.random[condition]]
         changes += [self.method_of(job).overrides, {SEED_FIELD: job["seed"]}]
-        for each in [*changes, self.config.otherwise] if otherwise else changes:
+        for each in changes:
             data = with_fields(data, each, self.source)
         return dict(data)
 
@@ -295,7 +291,6 @@ def _check(study: Study) -> None:
             raise ScenarioError(source, f"methods.{key}.goals", problem)
         for base in study.bases.values():
             with_fields(base, method.overrides, f"{source}: methods.{key}.overrides")
-            with_fields(base, config.otherwise, f"{source}: otherwise")
     known = {"measures": MEASURES, "figures": config.measures}
     for key, names in known.items():
         for name in getattr(config, key):

@@ -44,7 +44,7 @@ class StudyRun:
 
     def __call__(self, job: Mapping[str, Any]) -> list[dict[str, Any]]:
         """Returns the rows of a job: one for each closing time, or one."""
-        scenario, hand = loaded = self._loaded(job)
+        scenario, hand = self._loaded(job)
         if hand is None:
             resolved = resolve_scenario(scenario, self.study.source)
             return [self._measured(simulated(resolved), job)]
@@ -52,7 +52,7 @@ class StudyRun:
         if self._has_random_object(job) and (shape := _fitting_shape(scenario, hand)) is None:
             return self._ungrasped(times, UNFIT, np.nan)
         try:
-            resolved = self._resolved(loaded, job, shape)
+            resolved = resolve_scenario(scenario, self.study.source, hand=hand, shape=shape)
         except ScenarioError as error:
             lack = error.__cause__.lack if isinstance(error.__cause__, NoGraspError) else ""
             cause = f"{REFUSED}: {lack}" if lack else REFUSED
@@ -69,7 +69,8 @@ class StudyRun:
         Raises:
             ScenarioError: If the scenario cannot be simulated.
         """
-        return self._resolved(self._loaded(job), job)
+        scenario, hand = self._loaded(job)
+        return resolve_scenario(scenario, self.study.source, hand=hand)
 
     def trial(self, job: Mapping[str, Any]) -> GraspTrial:
         """Returns the trial of a job with a hand, before its simulation.
@@ -83,27 +84,14 @@ class StudyRun:
         goals = self.study.method_of(job).goals
         return self.sources[goals] if goals else None
 
-    def _loaded(self, job: Mapping[str, Any], *, otherwise: bool = False) -> LoadedScenario:
+    def _loaded(self, job: Mapping[str, Any]) -> LoadedScenario:
         study = self.study
-        data = study.scenario_of(job, otherwise=otherwise)
         return scenario_from_data(
-            data, source=study.source, folder=study.folder, folders=study.folders
+            study.scenario_of(job),
+            source=study.source,
+            folder=study.folder,
+            folders=study.folders,
         )
-
-    def _resolved(
-        self, loaded: LoadedScenario, job: Mapping[str, Any], shape: Shape | None = None
-    ) -> ResolvedScenario:
-        (scenario, hand), source = loaded, self.study.source
-        try:
-            return resolve_scenario(scenario, source, hand=hand, shape=shape)
-        except ScenarioError as error:
-            if not (self.study.config.otherwise and isinstance(error.__cause__, NoGraspError)):
-                raise
-            try:
-                scenario, hand = self._loaded(job, otherwise=True)
-                return resolve_scenario(scenario, source, hand=hand)
-            except ScenarioError:
-                raise error from error.__cause__
 
     def _has_random_object(self, job: Mapping[str, Any]) -> bool:
         axes = self.study.random[job.get("condition", "")]

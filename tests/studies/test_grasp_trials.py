@@ -405,19 +405,3 @@ def test_an_object_without_a_grasp_is_refused_with_what_is_missing(tmp_path):
         for row in rows:
             assert (row["held"], row["clean"], row["cause"]) == (False, False, cause)
             assert why in row["gave_up"]
-
-
-@pytest.mark.slow
-def test_a_run_without_a_grasp_has_other_settings_only_if_there_are_some(tmp_path):
-    # Fingers from above reach 0.17 m below the top.
-    overrides = {
-        "initial_contacts": [],
-        "surface.spacing": 0.02,
-        "surface.forbidden_faces": [],
-    }
-    text = """{overrides: {surface.no_touch: [!BehindPlane {point: [0.0, 0.0, 0.0],
-        normal: [0.0, 0.0, -1.0]}], object: !Cylinder {radius: 0.03, length: 0.36, mass: 0.4}},
-        otherwise: {grasp.approaches: [side]}}"""
-    study = load_study(grasp_study(tmp_path, overrides=overrides), text=text)
-    (job,) = study.jobs()
-    assert StudyRun(study, {}).resolved(job).scenario.grasp.approaches == ["side"]
