@@ -17,8 +17,10 @@ class GraspCommand:
         R_WG: Orientation of the frame G in which goals are planned, shape (3, 3).
         p_WG: Position of G in W, shape (3,), in metres.
         V_WG: Velocity of G, as that of the object, on average until the next tick, shape (2, 3).
-        expected_object: Orientation, position and velocity of the object in W, where links avoid
-            it: those of G while fingers hold, else the estimate as touch has corrected it.
+        R_WE: Orientation of the frame E in which links avoid the object, shape (3, 3): G while
+            fingers hold, else the estimated object, as touch has corrected it.
+        p_WE: Position of E in W, shape (3,), in metres.
+        V_WE: Velocity of E, as that of the object, shape (2, 3).
         is_tracked: Whether goals may follow the estimate.
         holds_contacts: Whether contacts are fixed on the object.
         standoffs: Gap between each fingertip and the surface, shape (n,), in metres; negative
@@ -36,7 +38,9 @@ class GraspCommand:
     R_WG: FloatArray
     p_WG: FloatArray
     V_WG: FloatArray
-    expected_object: tuple[FloatArray, FloatArray, FloatArray]
+    R_WE: FloatArray
+    p_WE: FloatArray
+    V_WE: FloatArray
     is_tracked: bool
     holds_contacts: bool
     standoffs: FloatArray

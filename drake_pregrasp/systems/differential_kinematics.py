@@ -68,7 +68,7 @@ class DifferentialKinematics(LeafSystem):
     Port `goals` accepts `HandGoals`, as `HandGoalShaper` emits them.
 
     Port `command` accepts a `GraspCommand`, as `GraspSequencer` emits it. Links are kept clear of
-    the object where this expects it. The fingertips press with its forces.
+    the object in its frame E. The fingertips press with its forces.
 
     Port `obstacles` (optional) accepts `Obstacles` in W. Only their solids count, and not those
     with numbers that are not finite.
@@ -182,11 +182,10 @@ class DifferentialKinematics(LeafSystem):
 
     def _place(self, context: Context, placed: Context) -> None:
         command: GraspCommand = self._command.Eval(context)
-        R, p, _ = command.expected_object
         solids = ports.eval_solids(self, self._obstacles, context, *_IN_W)
         known = [solid for solid in solids if solid is not ANYWHERE]
-        X_WO = RigidTransform(RotationMatrix(R), p)
-        self._scene.place(placed, self._moved(context)[1], X_WO, known)
+        X_WE = RigidTransform(RotationMatrix(command.R_WE), command.p_WE)
+        self._scene.place(placed, self._moved(context)[1], X_WE, known)
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         command: GraspCommand = self._command.Eval(context)

@@ -241,14 +241,14 @@ class GraspSequencer(LeafSystem):
         _, R_WO, p_WO, is_tracked = self._pose.eval(context)
         V_WO = ports.validated_velocity(self._V_WO.Eval(context))
         offset = self._held.offset.Eval(context)
-        expected = R_WO, p_WO, V_WO
+        R_WE, p_WE, V_WE = R_WO, p_WO, V_WO
         if memory.is_gripped:
             R_WG, p_WG, V_WG = self._held.frame(context)
         else:
             closes = GraspPhase.CLOSE <= state.phase <= GraspPhase.SQUEEZE
             followed = self._held.followed(context) if closes else (R_WO, p_WO)
             (R_WG, p_WG), V_WG = corrected_pose(*followed, self._p_OCoM, offset), V_WO
-            expected = R_WG, p_WG, V_WO
+            R_WE, p_WE = R_WG, p_WG
         axis = self._lift_axis if state.share > 0 else self._palm_axis
         if self._R_OW is not None and state.share == 0:
             axis = turn_about_z(angle_about_z(R_WG @ self._R_OW)) @ axis
@@ -264,6 +264,8 @@ class GraspSequencer(LeafSystem):
                 V_WG = np.array([V_WG[0], v_WL - skew(V_WG[0]) @ p_GL_W])
         p_WG, V_WG = p_WG + raised * axis, np.array([V_WG[0], V_WG[1] + rising * axis])
         nhat, holding = self._contact_frames(context)[1], state.fingers_hold
+        if holding.any():
+            R_WE, p_WE, V_WE = R_WG, p_WG, V_WG
         if state.forces.any():
             since = 0.0 if memory.stands else time - memory.last.time
             forces = state.planned_forces(since, settings)
@@ -277,7 +279,9 @@ class GraspSequencer(LeafSystem):
             R_WG=R_WG,
             p_WG=p_WG,
             V_WG=V_WG,
-            expected_object=(R_WG, p_WG, V_WG) if holding.any() else expected,
+            R_WE=R_WE,
+            p_WE=p_WE,
+            V_WE=V_WE,
             is_tracked=is_tracked,
             holds_contacts=state.holds_contacts,
             standoffs=standoffs,

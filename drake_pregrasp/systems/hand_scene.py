@@ -263,12 +263,12 @@ class HandScene:
         X_WB = pose.X_WB[self._bodies[link]]
         p_BQ = self._R_BLink[link] @ p_LinkQ[:, :, None] + self._p_BLink[link]
         p_WQ = (X_WB[:, :, :3] @ p_BQ)[:, :, 0] + X_WB[:, :, 3]
-        R_WO, p_WO, (w_WO, v_WO) = command.expected_object
+        R_WE, p_WE, (w_WE, v_WE) = command.R_WE, command.p_WE, command.V_WE
         rows = np.flatnonzero(other == links)
         if self._solid is not None and len(rows):  # Drake measures from the hull of the object.
-            solid = self._solid.moved(R_WO, p_WO)
+            solid = self._solid.moved(R_WE, p_WE)
             gaps[rows], p_WQ[rows], normals[rows] = self._nearest(solid, link[rows], pose)
-        V_W = np.concatenate([w_WO, v_WO + skew(p_WO) @ w_WO])  # At the origin of W.
+        V_W = np.concatenate([w_WE, v_WE + skew(p_WE) @ w_WE])  # At the origin of W.
         near = NearPairs(link, other, gaps, p_WQ, normals)
         holding = command.fingers_hold
         return self.kernels.clearances(self._links, near, pose.screws, V_W, holding, rate)

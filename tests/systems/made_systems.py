@@ -154,7 +154,7 @@ def grasp_command(X_WO=None, X_WG=None, V_WO=None, V_WG=None, **changes):
         "force_limits": np.full((N, 2), NO_LIMIT),
     }
     frame = "G" if np.any(changes.get("fingers_hold", holding)) else "O"
-    fields["expected_object"] = tuple(fields[f"{kind}_W{frame}"] for kind in "RpV")
+    fields |= {f"{kind}_WE": fields[f"{kind}_W{frame}"] for kind in "RpV"}
     return GraspCommand(**(fields | changes))
 
 

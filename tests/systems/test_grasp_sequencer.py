@@ -78,9 +78,9 @@ def test_fingers_hold_from_closing_until_they_let_go():
         command = hand.eval("command")
         np.testing.assert_array_equal(command.fingers_hold, holding)
         if any(holding):
-            np.testing.assert_array_equal(command.expected_object[1], command.p_WG)
+            np.testing.assert_array_equal(command.p_WE, command.p_WG)
         else:
-            np.testing.assert_array_equal(command.expected_object[1], X_WO.translation())
+            np.testing.assert_array_equal(command.p_WE, X_WO.translation())
     assert hand.array("hold_contacts")[0] == 1
 
 
@@ -409,11 +409,10 @@ def test_a_touch_before_the_hand_closes_moves_the_frame_and_where_the_object_is_
         hand.advance(seconds)
         command = hand.eval("command")
         assert hand.array("grasp_report")[0] == phase
-        _, p_W, V_W = command.expected_object
-        np.testing.assert_allclose(p_W - X_WO.translation(), moved, atol=1e-9)
-        np.testing.assert_array_equal(V_W, 0.0)
+        np.testing.assert_allclose(command.p_WE - X_WO.translation(), moved, atol=1e-9)
+        np.testing.assert_array_equal(command.V_WE, 0.0)
         np.testing.assert_array_equal(command.p_WO, X_WO.translation())
-    np.testing.assert_array_equal(command.p_WG, p_W)
+    np.testing.assert_array_equal(command.p_WG, command.p_WE)
 
 
 def test_pads_that_touch_beside_their_middles_do_not_move_the_frame_across_their_way():
