@@ -104,6 +104,10 @@ class GraspConfig:
     # Smallest force that counts as touch, in newtons.
     touch_force: float = field(default=0.2, metadata=_FORCE)
 
+    # Smallest force with which a fingertip moves a hand, before it closes, off what it touches, in
+    # newtons; 0: none does. It must be more than a moving hand feels without a touch.
+    bump_force: float = field(default=0.2, metadata={"at_least": 0, "at_most": 1e4})
+
     # Smallest normal force of each finger in the squeeze, in newtons.
     least_force: float = field(default=2.5, metadata=_FORCE)
 
@@ -199,6 +203,7 @@ class GraspConfig:
             closing_speed=np.minimum(self.closing_speed, [c.speed for c in closing]),
             search=np.array([c.depth for c in closing]),
             touch_force=self.touch_force,
+            bump_force=self.bump_force or np.inf,
             least_force=self.least_force,
             largest_force=np.minimum(self.largest_force, [c.force for c in closing]),
             lift_height=self.lift_height,

@@ -126,7 +126,7 @@ def next_state(
     elif state.reason == GiveUp.BLOCKED:
         state = replace(state, reason=GiveUp.NONE, detail=0.0)
     if state.phase <= GraspPhase.TRACK:
-        feel = view.presses >= settings.touch_force
+        feel = view.presses >= settings.bump_force
         state = _yielding(state, view, settings, feel, period) if feel.any() else state
     if state.phase in (GraspPhase.LIFT, GraspPhase.HOLD):
         is_off = view.presses < settings.touch_force / 2

@@ -141,6 +141,7 @@ class GraspSettings:
             largest distance from the surface at which fingers that touch may start to squeeze. A
             finger that does not press in the squeeze, and is farther away, has lost the object.
         touch_force: Least normal force that counts as touch.
+        bump_force: Least force of a fingertip that moves a hand which is not closing yet.
         least_fingers: Least number of active fingers before closing.
         least_force: Least normal force of each finger in the squeeze.
         largest_force: Largest normal force of any finger.
@@ -165,6 +166,7 @@ class GraspSettings:
     squeeze_duration: float
     stop_duration: float
     gate_distance: float
+    bump_force: float = np.inf
     approach_height: float = 0.15
     rise_duration: float = 1.5
     correction_limit: float = 2.3

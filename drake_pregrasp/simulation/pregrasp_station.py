@@ -1,6 +1,7 @@
 """A scenario's hand with its planner as one diagram, simulated or over LCM."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from pydrake.lcm import DrakeLcmInterface
@@ -74,9 +75,9 @@ class PregraspStation(Diagram):
 
     Port `query_object` emits SceneGraph's `QueryObject` for visualizers, in simulation only.
 
-    Over LCM, the station sends a command every `grasp.period`, and stops on silence
-    (`CommandSender`). Before the first status the joints are taken to be at `initial`: bring the
-    robot there first.
+    Over LCM, the station sends a command every `grasp.period`, stops on silence (`CommandSender`),
+    and leaves `grasp.bump_force` out. Before the first status the joints are taken to be at
+    `initial`: bring the robot there first.
 
     The attribute `initial` holds the initial positions of the joints by the names of the model
     instances.
@@ -108,6 +109,8 @@ class PregraspStation(Diagram):
         resolved, builder = resolve(scenario), DiagramBuilder()
         if (model := resolved.hand) is None:
             raise ScenarioError("scenario", "hand.file", "it is empty, and must name a hand")
+        if lcm is not None:
+            resolved = _without_bumps(resolved)
         weights = builder.AddNamedSystem("contact_weights", contact_weights_of(resolved))
         hand = add_hand(builder, resolved, model, weights)
         joints = _joints_by_instance(model)
@@ -136,6 +139,17 @@ class PregraspStation(Diagram):
         if lcm is None:
             export_outputs(builder, robot, "X_WO query_object")
         builder.BuildInto(self)
+
+
+def _without_bumps(resolved: ResolvedScenario) -> ResolvedScenario:
+    """Returns a scenario whose hand does not yield before it closes.
+
+    Torques in statuses are as late as their positions, but do not match the accelerations that
+    these show, so that a hand which moves off a touch that it has not felt feels the next one.
+    """
+    scenario = resolved.scenario
+    grasp = replace(scenario.grasp, bump_force=0.0)
+    return replace(resolved, scenario=replace(scenario, grasp=grasp))
 
 
 def _joints_by_instance(model: HandModel) -> dict[str, IntArray]:

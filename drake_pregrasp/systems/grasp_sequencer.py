@@ -105,7 +105,7 @@ class GraspSequencer(LeafSystem):
     last valid one counts.
 
     Port `command` emits a `GraspCommand`. Its frame G is the estimated pose of O, or on its way
-    there while the hand approaches. If a fingertip feels `touch_force` before the hand closes, G
+    there while the hand approaches. If a fingertip feels `bump_force` before the hand closes, G
     moves to where it is felt, by at most 0.1 m/s and 30 mm in all, and stays there relative to the
     estimate; the fingertip, whose goal keeps its gap, recedes. While the hand closes, G moves with
     the estimated velocity, and toward the estimate with a time constant of 0.3 s, its centre of
@@ -358,7 +358,7 @@ class GraspSequencer(LeafSystem):
             presses, wanted = -np.sum(forces @ command.R_WG * nhat, axis=2)
         else:
             presses = norms(f_T_W)
-        if closes or np.any(presses >= self._settings.touch_force):
+        if closes or np.any(presses >= self._settings.bump_force):
             normals = nhat
             if self._solid is not None:
                 heights, normals = self._solid.distance_and_gradient(p_GT)

@@ -383,7 +383,7 @@ def test_before_it_closes_the_frame_yields_to_a_finger_that_feels_the_object(
     finger, phase, share, gap, level, moves
 ):
     gaps = np.full(N, gap)
-    presses = np.where(np.arange(N) == finger, share * SETTINGS.touch_force, 0.0)
+    presses = np.where(np.arange(N) == finger, share * SETTINGS.bump_force, 0.0)
     view = closing_view(
         close=False, gaps=gaps, surface_gaps=gaps, presses=presses, rows=level * ROUND
     )
@@ -396,6 +396,14 @@ def test_before_it_closes_the_frame_yields_to_a_finger_that_feels_the_object(
     assert np.linalg.norm(moved) <= 0.1 * PERIOD + 1e-12
     assert not after.touched.any()
     np.testing.assert_array_equal(after.standoffs, state.standoffs)
+
+
+def test_without_a_force_of_bumps_the_frame_does_not_yield():
+    settings = replace(GraspConfig(), bump_force=0.0).make_settings()
+    gaps, presses = np.full(N, 0.02), 100.0 * (np.arange(N) == 0)
+    view = closing_view(close=False, gaps=gaps, surface_gaps=gaps, presses=presses, rows=ROUND)
+    state = replace(GraspState.first(N, settings), phase=GraspPhase.TRACK)
+    assert not next_state(state, view, settings, PERIOD, balanced).offset.any()
 
 
 def test_across_the_normals_of_touches_the_frame_stays_where_it_was_as_the_hand_closed():
