@@ -76,6 +76,27 @@ def test_a_joint_at_its_stop_shows_no_force(limit, torque):
         np.testing.assert_allclose(felt(sensor)[others], FORCES[others], atol=1e-6)
 
 
+def test_a_finger_at_a_stop_feels_the_least_force_that_its_other_joints_show():
+    joint, q = HAND.kinematics.own_joints(2)[1], Q.copy()
+    q[joint] = HAND.kinematics.upper[joint]
+    free = np.setdiff1d(HAND.kinematics.own_joints(2), joint)
+    J = HAND.kinematics.pose(q).J_WT[2]
+    sensor = resting_sensor(q, J.T @ FORCES[2])
+    expected = np.linalg.pinv(J[:, free].T) @ J[:, free].T @ FORCES[2]
+    np.testing.assert_allclose(felt(sensor)[2], expected, atol=1e-6)
+
+
+def test_what_a_stop_bore_is_not_felt_as_the_joint_leaves_it():
+    joint, q = HAND.kinematics.own_joints(2)[1], Q.copy()
+    q[joint] = HAND.kinematics.upper[joint]
+    sensor = resting_sensor(q, 0.5 * (np.arange(NQ) == joint))
+    sensor.fix(net_actuation=np.zeros(NQ))
+    sensor.advance(TIME_STEP)
+    sensor.fix(hand_state=np.append(Q, 0 * Q))
+    sensor.advance(TIME_STEP)
+    assert np.max(np.abs(felt(sensor))) < 1e-6
+
+
 def test_a_finger_whose_joints_are_all_at_their_stops_feels_nothing():
     q = HAND.kinematics.upper.copy()
     q[:4] = 0.0  # The carrier.

@@ -562,7 +562,8 @@ def test_from_the_lift_on_fingers_press_against_turns_of_the_object():
     mean = k[active] @ way[active] / np.sum(k[active])
     phases, forces = set(), {}
     while hand.context.get_time() < 8:
-        X_WG = hand.eval("X_WG")
+        X_WG, command = hand.eval("X_WG"), hand.eval("command")
+        np.testing.assert_array_equal(command.p_WE, command.p_WG)
         for name, X in (("straight", X_WG), ("turned", X_WG @ turn)):
             hand.fix(p_WT=tips_at(X, 0.0))
             forces[name] = hand.eval("command").f_T_W
