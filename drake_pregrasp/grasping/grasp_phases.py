@@ -222,9 +222,8 @@ def _track(
     fingers = view.active & (late <= settings.gate_distance)
     why_not = grasp_problem(fingers, settings, squeeze)
     if why_not is None:
-        closing = _enter(state, GraspPhase.CLOSE, view)
-        closing = replace(closing, reason=GiveUp.NONE, detail=0.0)
-        return replace(closing, active=fingers, yielded=state.offset)
+        state = replace(state, active=fingers, yielded=state.offset)
+        return replace(_enter(state, GraspPhase.CLOSE, view), reason=GiveUp.NONE, detail=0.0)
     if is_late:
         why_not = GiveUp.OFF_GOAL, float(np.argmax(late))
     return _open(state, view, *why_not) if waited else state

@@ -144,8 +144,8 @@ class PregraspStation(Diagram):
 def _without_bumps(resolved: ResolvedScenario) -> ResolvedScenario:
     """Returns a scenario whose hand does not yield before it closes.
 
-    Torques in statuses are as late as their positions, but do not match the accelerations that
-    these show, so that a hand which moves off a touch that it has not felt feels the next one.
+    Over LCM, fingertips feel forces while an arm accelerates, so that a hand which moves off such a
+    false touch feels the next one.
     """
     scenario = resolved.scenario
     grasp = replace(scenario.grasp, bump_force=0.0)

@@ -77,9 +77,9 @@ class HandKinematics:
         return np.flatnonzero(self._is_own[finger])
 
     def moves_freely(self, q: FloatArray) -> BoolArray:
-        """Returns which joints are not at a stop, which bears any torque, shape (nq,).
+        """Returns whether each joint is away from its stops, shape (nq,).
 
-        Without them, J^T f is the torques of the other joints alone: see `tip_forces`.
+        A stop may bear any torque, so only the other joints show forces at the fingertips.
 
         Args:
             q: Positions of the joints, shape (nq,).

@@ -94,7 +94,7 @@ def test_a_finger_inside_that_feels_nothing_moves_the_surface_like_a_less_certai
 ):
     rows, first, gaps = rows_of(azimuth + AROUND, arm), np.arange(N) == 0, np.full(N, gap)
     by_touch = rows[0] @ touch_correction(gaps, rows, first, NONE)
-    found = rows[0] @ touch_correction(gaps, rows, ~first & first, NONE, first)
+    found = rows[0] @ touch_correction(gaps, rows, np.zeros(N, dtype=bool), NONE, first)
     assert gap <= by_touch < found < 0.8 * gap
 
 
