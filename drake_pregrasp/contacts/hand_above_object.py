@@ -40,6 +40,11 @@ class HandAboveObject:
         link_gaps: Function from a yaw, the index of a finger, and centres of its tip in O, shape
             (k, 3), to the least gaps of its other links to the object, shape (k,), in metres; -inf
             where its joints do not get there.
+        compliance: Function from a yaw, the index of a finger, and a centre of its tip in O, shape
+            (3,), to the compliance of its joints' drives there in O, shape (3, 3), in m/N; NaN
+            where its joints do not get there.
+        load_change: Change of the load, in any direction, by which a held object should turn
+            little, in newtons.
         least_link_gap: Least of these gaps with which the tip touches first, in metres.
         patch_radii: Radii of the patches of soft fingertips, and 0 for hard ones, shape (n,), in
             metres; None if all are hard.
@@ -73,6 +78,10 @@ class HandAboveObject:
     link_gaps: Callable[[float, int, FloatArray], FloatArray] = lambda yaw, finger, p_OT: np.full(
         len(p_OT), np.inf
     )
+    compliance: Callable[[float, int, FloatArray], FloatArray] = lambda yaw, finger, p_OT: np.zeros(
+        (3, 3)
+    )
+    load_change: float = 0.0
     least_link_gap: float = 0.0
     patch_radii: FloatArray | None = None
     pairs: tuple[Pair, ...] = ()
@@ -95,7 +104,7 @@ class StartContacts:
         has_contact: Mask of the fingers that take part, shape (n,); the others stay away.
         yaw: Yaw of the palm, in radians.
         margin: Min-weight margin of force closure of the fingers that take part.
-        score: What the choice maximizes: the margin, with strength, fingers and comfort.
+        score: What the choice maximizes: the margin, with strength, stiffness, fingers and comfort.
         yaw_slack: Angle by which the yaw is off that of `palm_turn` without slack, in radians.
     """
 

@@ -95,6 +95,10 @@ class StartCandidates:
         across: FloatArray = vectors - (vectors @ self._up)[..., None] * self._up
         return across
 
+    def touching(self, fingers: IntArray, candidates: IntArray) -> FloatArray:
+        """Returns centres of fingertips that touch a candidate each, in O, shape (k, 3)."""
+        return self._ways[0][fingers, candidates]
+
     def standing_off(self, fingers: IntArray, candidates: IntArray) -> FloatArray:
         """Returns centres of fingertips at their standoff from a candidate each, in O, (k, 3)."""
         return self._ways[-1][fingers, candidates]

@@ -19,6 +19,7 @@ from drake_pregrasp.quality.force_closure import (
     needed_friction,
     torsional_friction_of,
 )
+from drake_pregrasp.quality.grasp_stiffness import turn_by_force
 from drake_pregrasp.quality.margin_bounds import moved_least_norm_margin
 from drake_pregrasp.regions.constraints import OPPOSITE, Limit
 
@@ -31,6 +32,7 @@ _TURNS = 4  # Largest number of times that the yaw follows the contacts, and the
 _FINGER = 0.25  # Gain of one more finger, which shares the load.
 _LOAD, _STRONG = 0.5, 2.0  # Gain of strength for the object's weight once more, up to so often.
 _TURN = 0.05  # Cost of a palm that turns by a radian.
+_YIELDING = 6.0  # Cost of an object that turns by a radian as its load changes.
 _NEIGHBOURS = 8  # Number of places near each contact that may hold more of the weight.
 _ENOUGH = 1.1  # Strength for the object's weight at which fingers that hold too little stop.
 _SLACK = 0.5  # Largest angle between a palm's yaw and that to which its contacts turn it.
@@ -49,7 +51,8 @@ def choose_start_contacts(
     then turns with the others. If this leads to no grasp from any yaw, the palm keeps its yaw,
     unless its contacts would turn it far. Lower places are preferred if a finger nearly tips the
     object. Places at the edge of reach and under parts of the object cost more, unless this leaves
-    no grasp. Then all other yaws are tried, too, if the best ones have none. If a finger did not
+    no grasp. A grasp in which a change of the load turns the object far, as the fingers yield, is
+    worth less. Then all other yaws are tried, too, if the best ones have none. If a finger did not
     get there with its joints, or touched the object with another link before its tip, all such
     contacts are left out.
 
@@ -143,6 +146,7 @@ class _Search:
         self._candidates = StartCandidates(surface, solid, hand, most)
         self._p, self._normals = self._candidates.p_OQ, self._candidates.nhat_OQ
         self._arms = self._p - surface.p_OCoM
+        self._patch_radii = np.zeros(self._n) if hand.patch_radii is None else hand.patch_radii
 
     def yaws(self) -> FloatArray:
         """Returns the yaws of the palm to try, in radians."""
@@ -263,7 +267,7 @@ class _Search:
         score = trial.margin + _LOAD * min(load, _STRONG) + _FINGER * len(assigned_fingers)
         costs = self._candidates.costs_at(trial.yaw)[assigned_fingers, assigned]
         score -= float(np.sum(costs)) / self._n
-        score -= _TURN * abs(trial.yaw - hand.yaw)
+        score -= _TURN * abs(trial.yaw - hand.yaw) + _YIELDING * self._turn_by_load(trial)
         return replace(trial, load=load, score=score)
 
     def strengthened(self, trial: _Trial) -> _Trial:
@@ -298,16 +302,32 @@ class _Search:
         cones, model = self._cones(assigned)
         return min_weight_margin(*cones, **model)
 
+    def _turn_by_load(self, trial: _Trial) -> float:
+        """Returns the turn of the object by a change of its load, in radians.
+
+        It is 0 if the joints of a finger do not bring its tip to its contact.
+        """
+        hand, fingers, assigned = self._hand, trial.fingers, trial.candidates[trial.fingers]
+        places = zip(fingers.tolist(), self._candidates.touching(fingers, assigned), strict=True)
+        compliances = np.array([hand.compliance(trial.yaw, *place) for place in places])
+        if not np.all(np.isfinite(compliances)):
+            return 0.0
+        return turn_by_force(
+            *(self._arms[assigned], self._normals[assigned], compliances),
+            torsional_arms=torsional_friction_of(1.0, self._patch_radii[fingers]),
+            force=hand.load_change,
+        )
+
     def _cones(
         self, assigned: IntArray
     ) -> tuple[tuple[FloatArray, FloatArray, float], dict[str, Any]]:
         """Returns lever arms, normals and friction of the assigned fingers, and their model."""
         fingers, friction = assigned != AWAY, self._hand.friction
         cones = self._arms[assigned[fingers]], self._normals[assigned[fingers]], friction
-        radii = np.zeros(self._n) if self._hand.patch_radii is None else self._hand.patch_radii
-        if not np.any(radii[fingers] > 0):
+        radii = self._patch_radii[fingers]
+        if not np.any(radii > 0):
             return cones, {"model": "hard_finger"}
-        torsional = torsional_friction_of(friction, radii[fingers])
+        torsional = torsional_friction_of(friction, radii)
         return cones, {"model": "soft_finger", "torsional_friction": torsional}
 
     def has_clear_links(self, trial: _Trial) -> bool:

@@ -13,7 +13,12 @@ from drake_pregrasp.contacts.contact_pairs import Pair
 from drake_pregrasp.diagrams.palm_base import CarrierOrArm
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.grasp_state import BASE
-from drake_pregrasp.regions.finger_measures import FingerChain, FingerLinks, FingerMeasures
+from drake_pregrasp.regions.finger_measures import (
+    ARRIVED,
+    FingerChain,
+    FingerLinks,
+    FingerMeasures,
+)
 from drake_pregrasp.systems.hand_kinematics import HandKinematics, finite_limits
 from drake_pregrasp.systems.hand_scene import (
     BallFunction,
@@ -113,6 +118,24 @@ class HomeFingers:
             distance: As for `FingerLinks.gaps`.
         """
         return self._links[finger].gaps(self.chains[finger].along(p_HT), distance)
+
+    def compliance(self, finger: int, p_HT: FloatArray) -> FloatArray:
+        """Returns the compliance of a fingertip as its joints' drives yield, shape (3, 3), in m/N.
+
+        It is NaN where the joints do not get there.
+
+        Args:
+            finger: Index of the finger.
+            p_HT: Place of its tip, shape (3,), in metres.
+        """
+        chain = self.chains[finger]
+        place = chain.along(p_HT[None])
+        tips, jacobians = chain.tips(chain.postures(place))
+        if np.linalg.norm(tips - place) > ARRIVED:
+            return np.full((3, 3), np.nan)
+        stiffness = self._kinematics.stiffness[self._kinematics.own_joints(finger)]
+        compliance: FloatArray = (jacobians[0] / stiffness) @ jacobians[0].T
+        return compliance
 
     def opening(self, jaws: Sequence[Pair]) -> float:
         """Returns the largest distance of contacts between jaws, in metres; inf without jaws."""

@@ -34,6 +34,7 @@ from drake_pregrasp.grasping.grasp_state import GENTLE
 from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
 from drake_pregrasp.regions.finger_measures import FingerMeasures
 from drake_pregrasp.systems.palm_frames import reach_frame
+from drake_pregrasp.systems.squeeze_program import LOAD_CHANGE
 
 _PASSING = 100.0  # Weight of free ways along the palm's axis for objects that come along it.
 _PALM_YAWS = 13  # Yaws at which the palm is checked if there is no grasp.
@@ -157,6 +158,10 @@ def _chosen_contacts(
             finger, (p_OT - p_OA) @ R_OU, lambda p_UP: solid.distance(p_UP @ R_OU.T + p_OA)
         )
 
+    def compliance(yaw: float, finger: int, p_OT: FloatArray) -> FloatArray:
+        R_OU = R_OA @ turn_about_z(yaw)
+        return R_OU @ hand.fingers.compliance(finger, (p_OT - p_OA) @ R_OU) @ R_OU.T
+
     return _contacts_or_reason(
         problem_at,
         surface,
@@ -185,6 +190,8 @@ def _chosen_contacts(
                 (p_OT - p_OA) @ R_OA @ turn_about_z(yaw), largest
             ),
             link_gaps=link_gaps,
+            compliance=compliance,
+            load_change=LOAD_CHANGE * GRAVITY * mass,
             least_link_gap=TIP_LEAD,
             clearance_weight=_clearance_weight(hand, gravity),
         ),

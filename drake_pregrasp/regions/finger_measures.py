@@ -26,9 +26,11 @@ _FORCELESS = 1 - len(FINGER_MEASURES)  # First column of the table after those o
 LEAST_ARM = 1e-3
 """Least lever arm of a force about a joint, in metres, so that all forces are finite."""
 
+ARRIVED = 1e-3
+"""Largest distance of a fingertip from a place that it reaches, in metres."""
+
 _NODES = 16  # Number of nodes along each axis of a lattice.
 _SAMPLES = 3000  # Places of a fingertip; 90 % are nearer to the next than half of 12 mm.
-_ARRIVED = 1e-3  # Largest distance of a fingertip from a place that it reaches, in metres.
 _NEAR = 8  # Number of samples near a node, of which the one closest to home is taken.
 _STEPS = 12  # Number of steps from there to the node.
 _LAST = 4  # Number of the last steps, which no longer lead toward home.
@@ -176,7 +178,7 @@ class FingerLinks:
         """
         q = self.chain.postures(p_UT)
         off = np.linalg.norm(self.chain.tips(q)[0] - p_UT, axis=1)
-        moved, gaps = self.chain.displacements(q), np.where(off <= _ARRIVED, np.inf, -np.inf)
+        moved, gaps = self.chain.displacements(q), np.where(off <= ARRIVED, np.inf, -np.inf)
         for joints, balls in self.balls:
             R_UB, p_UB = moved[joints]
             p_US = balls[:, :3] @ R_UB.swapaxes(1, 2) + p_UB[:, None]

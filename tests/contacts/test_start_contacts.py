@@ -23,6 +23,7 @@ from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface
 from drake_pregrasp.geometry.shapes import ball_shape, box_shape, cylinder_shape, load_shape
 from drake_pregrasp.geometry.solids import BallSolid, HalfSpace
 from drake_pregrasp.quality.force_closure import largest_load, min_weight_margin
+from drake_pregrasp.quality.grasp_stiffness import turn_by_force
 from drake_pregrasp.regions.constraints import Limit, Obstacles, RegionConstraints
 from drake_pregrasp.regions.finger_reach import FingerReach
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
@@ -296,6 +297,26 @@ def test_contacts_that_a_link_touches_first_are_left_out(gap):
     start, _ = chosen(shape_of("box0"), link_gaps=link_gaps, least_link_gap=0.002)
     assert free.has_contact[1]
     assert not start.has_contact[1] or np.linalg.norm(start.p_OC[1] - free.p_OC[1]) > 0.01
+
+
+@pytest.mark.parametrize("mass", [0.1, 0.3])
+def test_an_object_that_turns_far_with_its_load_lowers_the_score(mass):
+    surface, load = surface_of(shape_of("box0")), 0.5 * 9.81 * mass
+    free, _ = chosen(shape_of("box0"), surface, mass=mass)
+    soft = {"compliance": lambda yaw, finger, p_OT: 2e-3 * np.eye(3), "load_change": load}
+    start, _ = chosen(shape_of("box0"), surface, mass=mass, **soft)
+
+    def turn(contacts):
+        p = contacts.p_OC[contacts.has_contact]
+        C = np.tile(2e-3 * np.eye(3), (len(p), 1, 1))
+        arms = {"torsional_arms": np.zeros(len(p)), "force": load}
+        return turn_by_force(p - surface.p_OCoM, surface.project(p)[1], C, **arms)
+
+    assert 0 < turn(start) <= turn(free)
+    assert free.score - 6.0 * turn(free) <= start.score + 1e-9 <= free.score
+    nowhere = {"compliance": lambda yaw, finger, p_OT: np.full((3, 3), np.nan)}
+    lost, _ = chosen(shape_of("box0"), surface, mass=mass, load_change=load, **nowhere)
+    assert lost.score == free.score
 
 
 # Three fingers in a row and two opposite ones.

@@ -98,6 +98,20 @@ def test_links_do_not_get_where_the_joints_do_not():
     assert gaps[1] == -np.inf
 
 
+@pytest.mark.parametrize("finger", [0, 3])
+def test_a_force_moves_a_fingertip_by_its_compliance(finger):
+    """In balance the drives' torques K_p (q_d - q) are those of the force, J^T f."""
+    p_HT = HAND.p_HT[finger] + [0.002, -0.003, 0.004]
+    compliance, chain = HAND.fingers.compliance(finger, p_HT), HAND.fingers.chains[finger]
+    q = chain.postures(p_HT[None])
+    stiffness = HAND.kinematics.stiffness[HAND.kinematics.own_joints(finger)]
+    for f in 1e-3 * np.eye(3):
+        torques = chain.tips(q)[1][0].T @ f
+        moved = chain.tips(q + torques / stiffness)[0][0] - chain.tips(q)[0][0]
+        np.testing.assert_allclose(compliance @ f, moved, rtol=1e-3, atol=1e-9)
+    assert np.isnan(HAND.fingers.compliance(finger, p_HT + 0.5)).all()
+
+
 @pytest.mark.parametrize(("height", "passes"), [(0.03, False), (-0.03, True)])
 def test_links_pass_through_a_plate_between_fingertip_and_palm(height, passes):
     for finger, tip in enumerate(HAND.p_HT):
