@@ -57,8 +57,10 @@ class GraspView:
         active: Whether each finger has an active contact, shape (n,).
         distances: Distance of each fingertip from its goal, shape (n,), in metres.
         gaps: Gap between each fingertip and the surface at its contact, shape (n,), in metres.
-        presses: Normal force of each fingertip on the object, shape (n,), in newtons; until the
-            hand closes, the force of each in any direction.
+        felt: Force of each finger in any direction, shape (n,), in newtons. Unlike `presses`, it
+            shows a touch with another part than the fingertip as well.
+        presses: Normal force of each fingertip on the object, shape (n,), in newtons; 0 until the
+            hand closes.
         wanted: Normal force with which each fingertip should press, shape (n,), in newtons.
         surface_gaps: Gap between each fingertip and the nearest point of the surface, shape (n,),
             in metres; until the hand closes, it counts only for fingertips that feel a force.
@@ -74,6 +76,7 @@ class GraspView:
     active: BoolArray
     distances: FloatArray
     gaps: FloatArray
+    felt: FloatArray
     presses: FloatArray
     wanted: FloatArray
     surface_gaps: FloatArray
@@ -126,10 +129,10 @@ def next_state(
     elif state.reason == GiveUp.BLOCKED:
         state = replace(state, reason=GiveUp.NONE, detail=0.0)
     if state.phase <= GraspPhase.TRACK:
-        feel = view.presses >= settings.bump_force
+        feel = view.felt >= settings.bump_force
         state = _yielding(state, view, settings, feel, period) if feel.any() else state
     if state.phase in (GraspPhase.LIFT, GraspPhase.HOLD):
-        is_off = view.presses < settings.touch_force / 2
+        is_off = view.felt < settings.touch_force / 2
         state = replace(state, pressed=np.where(is_off, state.pressed, view.time))
     if GraspPhase.CLOSE <= state.phase <= GraspPhase.HOLD:
         fault = _fault(state, view, settings)

@@ -351,14 +351,14 @@ class GraspSequencer(LeafSystem):
         p_OC, nhat, active = self._contact_frames(context)
         p_GT = self._tips(context)
         gaps = np.add.reduce((p_GT - p_OC) * nhat, axis=1) - self._radius
-        wanted, surface_gaps, rows = np.zeros(len(p_OC)), gaps, np.zeros(p_OC.shape)
+        presses, wanted = np.zeros((2, len(p_OC)))
+        surface_gaps, rows = gaps, np.zeros(p_OC.shape)
         f_T_W = validated_numbers(self._f_T_W.Eval(context)).reshape(-1, 3)
+        felt = norms(f_T_W)
         if closes := state.phase >= GraspPhase.CLOSE:
             forces = np.array([f_T_W, command.f_T_W])
             presses, wanted = -np.sum(forces @ command.R_WG * nhat, axis=2)
-        else:
-            presses = norms(f_T_W)
-        if closes or np.any(presses >= self._settings.bump_force):
+        if closes or np.any(felt >= self._settings.bump_force):
             normals = nhat
             if self._solid is not None:
                 heights, normals = self._solid.distance_and_gradient(p_GT)
@@ -380,6 +380,7 @@ class GraspSequencer(LeafSystem):
             active=active & np.isfinite(distances),
             distances=distances,
             gaps=gaps,
+            felt=felt,
             presses=presses,
             wanted=wanted,
             surface_gaps=surface_gaps,

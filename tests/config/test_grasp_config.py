@@ -44,7 +44,7 @@ def last_touch(config, tips, arrival=0.0, gap=None):
             ALL,
             np.full(N, 1.0 * (tick * PERIOD < arrival)),
             state.standoffs,
-            np.where(touches, settings.touch_force, 0.0),
+            *(np.where(touches, settings.touch_force, 0.0),) * 2,
             np.zeros(N),
             state.standoffs,
             np.zeros((N, 3)),

@@ -43,7 +43,7 @@ class Scene:
     def __init__(self, offset=0.0, active=ALL, distance=0.0, stiffness=500.0):
         self.offset, self.active, self.distance = np.broadcast_to(offset, N), active, distance
         self.stiffness = stiffness
-        self.force = np.zeros(N)
+        self.force, self.felt = np.zeros(N), None  # None: a finger feels what it presses with.
         self.is_tracked, self.blocked = True, NOT_BLOCKED
         self.time = self.residual = 0.0
 
@@ -56,7 +56,8 @@ class Scene:
         gaps = np.maximum(state.standoffs, -self.offset)
         distances = np.broadcast_to(self.distance, N)
         seen = (self.is_tracked, self.blocked, time >= MEETING)
-        forces, rows = (presses, wanted), np.zeros((N, 3))  # The offset of G moves nothing.
+        felt = presses if self.felt is None else self.felt
+        forces, rows = (felt, presses, wanted), np.zeros((N, 3))  # The offset of G moves nothing.
         return GraspView(time, close, self.active, distances, gaps, *forces, gaps, rows, *seen)
 
 
@@ -320,7 +321,8 @@ def test_an_unknown_force_hides_no_other_force():
 def closing_view(**changes):
     """Fingertips at their goals at the surface, which they touch; some values are changed."""
     nothing, touch = np.zeros(N), np.full(N, SETTINGS.touch_force)
-    view = GraspView(3.0, True, ALL, nothing, nothing, touch, touch, nothing, np.zeros((N, 3)))
+    forces = touch, touch, touch
+    view = GraspView(3.0, True, ALL, nothing, nothing, *forces, nothing, np.zeros((N, 3)))
     return replace(view, **changes)
 
 
@@ -383,10 +385,8 @@ def test_before_it_closes_the_frame_yields_to_a_finger_that_feels_the_object(
     finger, phase, share, gap, level, moves
 ):
     gaps = np.full(N, gap)
-    presses = np.where(np.arange(N) == finger, share * SETTINGS.bump_force, 0.0)
-    view = closing_view(
-        close=False, gaps=gaps, surface_gaps=gaps, presses=presses, rows=level * ROUND
-    )
+    felt = np.where(np.arange(N) == finger, share * SETTINGS.bump_force, 0.0)
+    view = closing_view(close=False, gaps=gaps, surface_gaps=gaps, felt=felt, rows=level * ROUND)
     before = 0.01 * np.array([-ROUND[finger, 1], ROUND[finger, 0], 0.0])  # Across its normal.
     state = replace(GraspState.first(N, SETTINGS), phase=phase, offset=before, gripped=0.0)
     after = next_state(state, view, SETTINGS, PERIOD, balanced)
@@ -400,8 +400,8 @@ def test_before_it_closes_the_frame_yields_to_a_finger_that_feels_the_object(
 
 def test_without_a_force_of_bumps_the_frame_does_not_yield():
     settings = replace(GraspConfig(), bump_force=0.0).make_settings()
-    gaps, presses = np.full(N, 0.02), 100.0 * (np.arange(N) == 0)
-    view = closing_view(close=False, gaps=gaps, surface_gaps=gaps, presses=presses, rows=ROUND)
+    gaps, felt = np.full(N, 0.02), 100.0 * (np.arange(N) == 0)
+    view = closing_view(close=False, gaps=gaps, surface_gaps=gaps, felt=felt, rows=ROUND)
     state = replace(GraspState.first(N, settings), phase=GraspPhase.TRACK)
     assert not next_state(state, view, settings, PERIOD, balanced).offset.any()
 
@@ -543,8 +543,14 @@ def test_a_finger_far_off_the_surface_that_does_not_press_has_lost_the_object(pr
         assert (after.phase, after.detail) == (GraspPhase.BACK_OFF, 3)
 
 
-@pytest.mark.parametrize(("duration", "is_lost"), [(0.018, False), (0.022, True)])
-def test_a_finger_that_bounces_in_the_lift_has_not_lost_touch(duration, is_lost):
+@pytest.mark.parametrize(
+    ("duration", "felt", "is_lost"),
+    [(0.018, None, False), (0.022, None, True), (9.0, 1.0, False), (0.022, 0.0, True)],
+)
+def test_a_finger_has_lost_touch_if_it_feels_nothing_for_longer_than_a_bounce(
+    duration, felt, is_lost
+):
+    """One that touches with another part than its tip may press with a negative force."""
     scene, state, period = Scene(), GraspState.first(N, SETTINGS), 0.002
     begun = None
     for tick in range(3000):
@@ -553,6 +559,7 @@ def test_a_finger_that_bounces_in_the_lift_has_not_lost_touch(duration, is_lost)
             begun = time
         off = begun is not None and time < begun + duration - 1e-9
         scene.force = np.where(np.arange(N) == 4, -9.0 * off, 0.0)
+        scene.felt = np.full(N, felt) if off and felt is not None else None
         state = next_state(state, scene.view(time, time >= 2.0, state), SETTINGS, period, balanced)
     assert begun is not None
     assert (state.reason == GiveUp.LOST_TOUCH) == is_lost
