@@ -13,10 +13,11 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 import drake_pregrasp as dp
-from drake_pregrasp.config.hand_description import Carrier, Closing, HandDescription, Mount
+from drake_pregrasp.config.hand_description import Carrier, Closing, Drive, HandDescription, Mount
 from drake_pregrasp.diagrams.approaches import best_approach
 from drake_pregrasp.errors import Lack, NoGraspError
 from drake_pregrasp.geometry.solids import HalfSpace
+from drake_pregrasp.quality.grasp_stiffness import turn_by_force
 from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 
 SIZE = [0.1, 0.1, 0.1]
@@ -196,6 +197,38 @@ def test_a_carrier_that_stands_so_comes_from_the_side_with_chosen_and_with_given
         dp.InvalidArgumentError, match="the carrier in the plant is turned for none"
     ):
         add(given, **own)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["above", "side"])
+def test_start_contacts_score_lower_by_the_turn_of_the_object_with_its_load(kind):
+    """The turn is computed in W. The hands differ only in the stiffness of their drives."""
+    pose = RigidTransform(RollPitchYaw(0.0, 0.0, 0.4), [0.0, 0.0, 0.1])
+    config, R_WO = dp.GraspConfig(approaches=[kind]), pose.rotation().matrix()
+    starts, turns = [], []
+    for softer in (1.0, 1.02):
+        there = {"mass": 0.3, "X_WO": pose, "config": config}
+        description = replace(HAND.description, drives=[Drive(stiffness=4.0 / softer)])
+        hand, start = dp.choose_approach(description, TALL, PLANNING, **there)
+        R_WU = hand.X_LA.rotation().matrix() @ RotationMatrix.MakeZRotation(start.yaw).matrix()
+        p_WC, nhat_W = start.p_OC @ R_WO.T, TALL.project(start.p_OC)[1] @ R_WO.T
+        p_WT = p_WC + hand.tip_radii[:, None] * nhat_W
+        p_UT = (p_WT - hand.X_LA.translation()) @ R_WU
+        compliances = [
+            R_WU @ hand.fingers.compliance(finger, p) @ R_WU.T for finger, p in enumerate(p_UT)
+        ]
+        on = start.has_contact
+        turns.append(
+            turn_by_force(
+                *(p_WC[on], nhat_W[on], np.array(compliances)[on]),
+                torsional_arms=np.zeros(np.sum(on)),
+                force=0.5 * 9.81 * 0.3,
+            )
+        )
+        starts.append(start)
+    np.testing.assert_array_equal(starts[0].p_OC, starts[1].p_OC)
+    assert turns[1] == pytest.approx(1.02 * turns[0], rel=1e-3)
+    assert starts[0].score - starts[1].score == pytest.approx(6.0 * (turns[1] - turns[0]), rel=1e-4)
 
 
 @pytest.mark.slow
