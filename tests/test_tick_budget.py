@@ -76,9 +76,9 @@ def test_a_control_tick_of_a_hand_is_small() -> None:
     # Only the squeeze plans forces, at each tick.
     for time, files, functions, count in (
         (2.011, 26, 90, 151),
-        (4.511, 27, 109, 193),
-        (5.211, 29, 113, 229),
-        (7.011, 28, 98, 176),
+        (4.511, 27, 109, 194),
+        (5.211, 29, 113, 230),
+        (7.011, 28, 98, 177),
     ):
         simulator.AdvanceTo(time)
         calls = calls_of(lambda end=time + 0.01: simulator.AdvanceTo(end))

@@ -41,8 +41,8 @@ class HandAboveObject:
             (k, 3), to the least gaps of its other links to the object, shape (k,), in metres; -inf
             where its joints do not get there.
         compliance: Function from a yaw, the index of a finger, and a centre of its tip in O, shape
-            (3,), to the compliance of its joints' drives there in O, shape (3, 3), in m/N; NaN
-            where its joints do not get there.
+            (3,), to the compliance of the tip there as drives yield, in O, shape (3, 3), in m/N;
+            NaN where its joints do not get there.
         load_change: Change of the load, in any direction, by which a held object should turn
             little, in newtons.
         least_link_gap: Least of these gaps with which the tip touches first, in metres.

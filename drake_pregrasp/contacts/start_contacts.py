@@ -32,7 +32,8 @@ _TURNS = 4  # Largest number of times that the yaw follows the contacts, and the
 _FINGER = 0.25  # Gain of one more finger, which shares the load.
 _LOAD, _STRONG = 0.5, 2.0  # Gain of strength for the object's weight once more, up to so often.
 _TURN = 0.05  # Cost of a palm that turns by a radian.
-_YIELDING = 6.0  # Cost of an object that turns by a radian as its load changes.
+_TURN_BY_LOAD = 6.0  # Cost of an object that turns by a radian as its load changes.
+_FARTHEST = 0.25  # Turn in radians from which on all count as this one: springs are not linear.
 _NEIGHBOURS = 8  # Number of places near each contact that may hold more of the weight.
 _ENOUGH = 1.1  # Strength for the object's weight at which fingers that hold too little stop.
 _SLACK = 0.5  # Largest angle between a palm's yaw and that to which its contacts turn it.
@@ -267,7 +268,7 @@ class _Search:
         score = trial.margin + _LOAD * min(load, _STRONG) + _FINGER * len(assigned_fingers)
         costs = self._candidates.costs_at(trial.yaw)[assigned_fingers, assigned]
         score -= float(np.sum(costs)) / self._n
-        score -= _TURN * abs(trial.yaw - hand.yaw) + _YIELDING * self._turn_by_load(trial)
+        score -= _TURN * abs(trial.yaw - hand.yaw) + _TURN_BY_LOAD * self._turn_by_load(trial)
         return replace(trial, load=load, score=score)
 
     def strengthened(self, trial: _Trial) -> _Trial:
@@ -303,20 +304,21 @@ class _Search:
         return min_weight_margin(*cones, **model)
 
     def _turn_by_load(self, trial: _Trial) -> float:
-        """Returns the turn of the object by a change of its load, in radians.
+        """Returns the turn of the object by a change of its load, up to the largest, in radians.
 
-        It is 0 if the joints of a finger do not bring its tip to its contact.
+        It is the largest if the joints of a finger do not bring its tip to its contact.
         """
         hand, fingers, assigned = self._hand, trial.fingers, trial.candidates[trial.fingers]
         places = zip(fingers.tolist(), self._candidates.touching(fingers, assigned), strict=True)
         compliances = np.array([hand.compliance(trial.yaw, *place) for place in places])
         if not np.all(np.isfinite(compliances)):
-            return 0.0
-        return turn_by_force(
+            return _FARTHEST
+        turn = turn_by_force(
             *(self._arms[assigned], self._normals[assigned], compliances),
             torsional_arms=torsional_friction_of(1.0, self._patch_radii[fingers]),
             force=hand.load_change,
         )
+        return min(turn, _FARTHEST)
 
     def _cones(
         self, assigned: IntArray

@@ -122,11 +122,12 @@ class HomeFingers:
     def compliance(self, finger: int, p_HT: FloatArray) -> FloatArray:
         """Returns the compliance of a fingertip as its joints' drives yield, shape (3, 3), in m/N.
 
-        It is NaN where the joints do not get there.
+        The finger is in the posture closest to home; the base and shared joints are rigid. The
+        compliance is NaN where its own joints do not get there.
 
         Args:
             finger: Index of the finger.
-            p_HT: Place of its tip, shape (3,), in metres.
+            p_HT: Centre of its tip, shape (3,), in metres.
         """
         chain = self.chains[finger]
         place = chain.along(p_HT[None])

@@ -152,14 +152,17 @@ def _chosen_contacts(
     yaw_range = hand.yaw_range(config.yaw_range)
     problem_at = partial(palm_problem, hand, config, poses, p_OCoM, table)
 
+    def R_OU_at(yaw: float) -> FloatArray:
+        return np.asarray(R_OA @ turn_about_z(yaw))
+
     def link_gaps(yaw: float, finger: int, p_OT: FloatArray) -> FloatArray:
-        R_OU = R_OA @ turn_about_z(yaw)
+        R_OU = R_OU_at(yaw)
         return hand.fingers.link_gaps(
             finger, (p_OT - p_OA) @ R_OU, lambda p_UP: solid.distance(p_UP @ R_OU.T + p_OA)
         )
 
     def compliance(yaw: float, finger: int, p_OT: FloatArray) -> FloatArray:
-        R_OU = R_OA @ turn_about_z(yaw)
+        R_OU = R_OU_at(yaw)
         return R_OU @ hand.fingers.compliance(finger, (p_OT - p_OA) @ R_OU) @ R_OU.T
 
     return _contacts_or_reason(
@@ -170,7 +173,7 @@ def _chosen_contacts(
             constraints_at=_start_constraints(
                 hand, limits, X_WO, fixed, yaw_range, p_OCoM, measures
             ),
-            p_OT_at=lambda yaw: hand.p_HT @ (R_OA @ turn_about_z(yaw)).T + p_OA,
+            p_OT_at=lambda yaw: hand.p_HT @ R_OU_at(yaw).T + p_OA,
             azimuths=hand.azimuths,
             R_AO=R_OA.T,
             p_AO=-p_OA @ R_OA,
@@ -187,7 +190,7 @@ def _chosen_contacts(
             holds_palm=lambda yaw: not problem_at(yaw),
             fits_palm=fits_palm,
             workspace_gaps=lambda yaw, p_OT, largest: hand.fingers.workspace_gaps(
-                (p_OT - p_OA) @ R_OA @ turn_about_z(yaw), largest
+                (p_OT - p_OA) @ R_OU_at(yaw), largest
             ),
             link_gaps=link_gaps,
             compliance=compliance,

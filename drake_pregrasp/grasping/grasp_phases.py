@@ -57,8 +57,7 @@ class GraspView:
         active: Whether each finger has an active contact, shape (n,).
         distances: Distance of each fingertip from its goal, shape (n,), in metres.
         gaps: Gap between each fingertip and the surface at its contact, shape (n,), in metres.
-        felt: Force of each finger in any direction, shape (n,), in newtons. Unlike `presses`, it
-            shows a touch with another part than the fingertip as well.
+        felt: Size of the force that each finger feels in any direction, shape (n,), in newtons.
         presses: Normal force of each fingertip on the object, shape (n,), in newtons; 0 until the
             hand closes.
         wanted: Normal force with which each fingertip should press, shape (n,), in newtons.
@@ -132,7 +131,9 @@ def next_state(
         feel = view.felt >= settings.bump_force
         state = _yielding(state, view, settings, feel, period) if feel.any() else state
     if state.phase in (GraspPhase.LIFT, GraspPhase.HOLD):
-        is_off = view.felt < settings.touch_force / 2
+        # A finger near the surface that feels a force may touch it beside its tip.
+        is_away = (view.felt < settings.touch_force / 2) | (view.surface_gaps > settings.search)
+        is_off = is_away & (view.presses < settings.touch_force / 2)
         state = replace(state, pressed=np.where(is_off, state.pressed, view.time))
     if GraspPhase.CLOSE <= state.phase <= GraspPhase.HOLD:
         fault = _fault(state, view, settings)

@@ -251,7 +251,8 @@ class GraspState:
         standoffs: Commanded gap between each fingertip and the object, shape (n,), in metres.
         active: Whether each finger takes part, shape (n,), fixed when the hand closes.
         touched: Whether each finger touches the object, shape (n,), until the squeeze begins.
-        pressed: Time in seconds at which each finger pressed last, from the lift on, shape (n,).
+        pressed: Time in seconds at which each finger pressed last, or felt a force near the
+            surface, from the lift on, shape (n,).
         forces: Planned forces of the fingers on the object, in G, shape (n, 3), in newtons.
         internal: Their internal part, which exerts no wrench, shape (n, 3), in newtons.
         stopping: Part of them that stops the object, shape (n, 3), in newtons.

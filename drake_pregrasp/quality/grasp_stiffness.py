@@ -25,8 +25,9 @@ def turn_by_force(
         K = Σ A_iᵀ C_i⁻¹ A_i,   A_i = [-[p_i]x, I].
 
     A soft finger also resists turns about its normal, with the stiffness of its contact times the
-    square of its arm. Turns that nothing resists, such as those about the line through two hard
-    fingers, do not count.
+    square of its arm; its joints do not yield there. Turns that nothing resists, such as those
+    about the line through two hard fingers, do not count. For large turns the springs would not be
+    linear: of contacts that are almost on a line the result only tells that they turn far.
 
     Args:
         p_CoMC: Lever arms p_i from the centre of mass to the contacts, shape (n, 3), in metres.

@@ -209,8 +209,8 @@ class GraspSequencer(LeafSystem):
             settings=self._settings,
             a_W=self._fall,
         )
-        felt = self._p_WT, self._f_T_W, camera_offset
-        self._held = HeldFrame(self, held, self._grasp, *felt, self._pose, config.period)
+        touch = self._p_WT, self._f_T_W, camera_offset
+        self._held = HeldFrame(self, held, self._grasp, *touch, self._pose, config.period)
         any_value = AbstractValue.Make(object())
         also = (self._pose.source, self._held.offset, self._V_WO, self._contacts, self._approach)
         sources = (self.time_ticket(), self._held.near, *also)

@@ -316,7 +316,7 @@ def test_an_object_that_turns_far_with_its_load_lowers_the_score(mass):
     assert free.score - 6.0 * turn(free) <= start.score + 1e-9 <= free.score
     nowhere = {"compliance": lambda yaw, finger, p_OT: np.full((3, 3), np.nan)}
     lost, _ = chosen(shape_of("box0"), surface, mass=mass, load_change=load, **nowhere)
-    assert lost.score == free.score
+    assert lost.score == pytest.approx(free.score - 6.0 * 0.25)  # As the farthest turn.
 
 
 # Three fingers in a row and two opposite ones.

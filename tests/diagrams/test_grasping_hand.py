@@ -202,25 +202,27 @@ def test_a_carrier_that_stands_so_comes_from_the_side_with_chosen_and_with_given
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["above", "side"])
 def test_start_contacts_score_lower_by_the_turn_of_the_object_with_its_load(kind):
-    """The turn is computed in W. The hands differ only in the stiffness of their drives."""
+    """The turn is computed in L. The hands differ only in the stiffness of their drives."""
     pose = RigidTransform(RollPitchYaw(0.0, 0.0, 0.4), [0.0, 0.0, 0.1])
     config, R_WO = dp.GraspConfig(approaches=[kind]), pose.rotation().matrix()
+    surface = replace(TALL, p_OCoM=np.array([0.008, -0.004, 0.01]))
     starts, turns = [], []
     for softer in (1.0, 1.02):
         there = {"mass": 0.3, "X_WO": pose, "config": config}
         description = replace(HAND.description, drives=[Drive(stiffness=4.0 / softer)])
-        hand, start = dp.choose_approach(description, TALL, PLANNING, **there)
+        hand, start = dp.choose_approach(description, surface, PLANNING, **there)
         R_WU = hand.X_LA.rotation().matrix() @ RotationMatrix.MakeZRotation(start.yaw).matrix()
-        p_WC, nhat_W = start.p_OC @ R_WO.T, TALL.project(start.p_OC)[1] @ R_WO.T
-        p_WT = p_WC + hand.tip_radii[:, None] * nhat_W
-        p_UT = (p_WT - hand.X_LA.translation()) @ R_WU
+        nhat_W = surface.project(start.p_OC)[1] @ R_WO.T
+        p_LC = (start.p_OC - surface.p_OCoM) @ R_WO.T
+        p_LT = p_LC + hand.tip_radii[:, None] * nhat_W
+        p_UT = (p_LT - hand.X_LA.translation()) @ R_WU
         compliances = [
             R_WU @ hand.fingers.compliance(finger, p) @ R_WU.T for finger, p in enumerate(p_UT)
         ]
         on = start.has_contact
         turns.append(
             turn_by_force(
-                *(p_WC[on], nhat_W[on], np.array(compliances)[on]),
+                *(p_LC[on], nhat_W[on], np.array(compliances)[on]),
                 torsional_arms=np.zeros(np.sum(on)),
                 force=0.5 * 9.81 * 0.3,
             )

@@ -43,7 +43,7 @@ class Scene:
     def __init__(self, offset=0.0, active=ALL, distance=0.0, stiffness=500.0):
         self.offset, self.active, self.distance = np.broadcast_to(offset, N), active, distance
         self.stiffness = stiffness
-        self.force, self.felt = np.zeros(N), None  # None: a finger feels what it presses with.
+        self.force = np.zeros(N)
         self.is_tracked, self.blocked = True, NOT_BLOCKED
         self.time = self.residual = 0.0
 
@@ -56,8 +56,8 @@ class Scene:
         gaps = np.maximum(state.standoffs, -self.offset)
         distances = np.broadcast_to(self.distance, N)
         seen = (self.is_tracked, self.blocked, time >= MEETING)
-        felt = presses if self.felt is None else self.felt
-        forces, rows = (felt, presses, wanted), np.zeros((N, 3))  # The offset of G moves nothing.
+        forces = np.abs(presses), presses, wanted
+        rows = np.zeros((N, 3))  # The offset of G moves nothing.
         return GraspView(time, close, self.active, distances, gaps, *forces, gaps, rows, *seen)
 
 
@@ -544,13 +544,18 @@ def test_a_finger_far_off_the_surface_that_does_not_press_has_lost_the_object(pr
 
 
 @pytest.mark.parametrize(
-    ("duration", "felt", "is_lost"),
-    [(0.018, None, False), (0.022, None, True), (9.0, 1.0, False), (0.022, 0.0, True)],
+    ("duration", "force", "felt", "gap", "is_lost"),
+    [
+        (0.018, 0.0, 0.0, 0.0, False),
+        (0.022, 0.0, 0.0, 0.0, True),
+        (9.0, -1.0, 1.0, 0.0, False),  # Beside its tip, it may press with any force.
+        (0.022, -1.0, 1.0, 2 * SETTINGS.search, True),  # It touches something else.
+        (9.0, 1.0, 1.0, 2 * SETTINGS.search, False),
+    ],
 )
 def test_a_finger_has_lost_touch_if_it_feels_nothing_for_longer_than_a_bounce(
-    duration, felt, is_lost
+    duration, force, felt, gap, is_lost
 ):
-    """One that touches with another part than its tip may press with a negative force."""
     scene, state, period = Scene(), GraspState.first(N, SETTINGS), 0.002
     begun = None
     for tick in range(3000):
@@ -558,9 +563,13 @@ def test_a_finger_has_lost_touch_if_it_feels_nothing_for_longer_than_a_bounce(
         if begun is None and state.phase == GraspPhase.LIFT:
             begun = time
         off = begun is not None and time < begun + duration - 1e-9
-        scene.force = np.where(np.arange(N) == 4, -9.0 * off, 0.0)
-        scene.felt = np.full(N, felt) if off and felt is not None else None
-        state = next_state(state, scene.view(time, time >= 2.0, state), SETTINGS, period, balanced)
+        view = scene.view(time, time >= 2.0, state)
+        if off:
+            last = np.arange(N) == 4
+            presses, feels = np.where(last, [[force], [felt]], view.presses)
+            surface_gaps = np.where(last, gap, view.surface_gaps)
+            view = replace(view, presses=presses, felt=feels, surface_gaps=surface_gaps)
+        state = next_state(state, view, SETTINGS, period, balanced)
     assert begun is not None
     assert (state.reason == GiveUp.LOST_TOUCH) == is_lost
 
