@@ -56,8 +56,8 @@ class Scene:
         gaps = np.maximum(state.standoffs, -self.offset)
         distances = np.broadcast_to(self.distance, N)
         seen = (self.is_tracked, self.blocked, time >= MEETING)
-        forces = np.abs(presses), presses, wanted
-        rows = np.zeros((N, 3))  # The offset of G moves nothing.
+        felt, rows = np.maximum(presses, 0.0), np.zeros((N, 3))  # The offset of G moves nothing.
+        forces = felt, presses, wanted
         return GraspView(time, close, self.active, distances, gaps, *forces, gaps, rows, *seen)
 
 
