@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.quality.grasp_stiffness import turn_by_force
@@ -23,22 +22,20 @@ def random_grasp(seed, n=4):
 
 
 @given(SEEDS)
-def test_springs_that_yield_least_turn_the_object_so_far(seed):
-    """The energy of springs and force is least where the object rests."""
+def test_an_object_turns_to_where_the_energy_of_the_springs_and_the_force_is_least(seed):
+    """The second differences of a quadratic energy are its curvature."""
     p, nhat, compliances = random_grasp(seed)
     springs = np.linalg.inv(compliances + 1e-5 * np.eye(3))
-    turns = []
-    for force in FORCE * np.eye(3):
 
-        def energy(motion, force=force):
-            turn, shift = np.split(1e-2 * motion, 2)
-            moved = shift + np.cross(turn, p)
-            return np.einsum("ni,nij,nj", moved, springs, moved) / 2 - force @ shift
+    def energy(motion):
+        moved = motion[3:] + np.cross(motion[:3], p)
+        return np.einsum("ni,nij,nj", moved, springs, moved) / 2
 
-        turns.append(1e-2 * minimize(energy, np.zeros(6), tol=1e-10).x[:3])
-    worst = np.linalg.norm(np.array(turns).T, ord=2)
+    unit = np.eye(6)
+    curvature = [[energy(a + b) - energy(a) - energy(b) for b in unit] for a in unit]
+    turns = np.linalg.solve(curvature, FORCE * unit[:, 3:])[:3]
     assert turn_by_force(p, nhat, compliances, torsional_arms=HARD, force=FORCE) == pytest.approx(
-        worst, rel=1e-3
+        np.linalg.norm(turns, ord=2), rel=1e-4
     )
 
 
@@ -46,14 +43,14 @@ def test_springs_that_yield_least_turn_the_object_so_far(seed):
 def test_turns_depend_on_no_axes_and_grow_with_force_and_compliance(seed):
     p, nhat, compliances = random_grasp(seed)
 
-    def turn(R=np.eye(3), softer=1.0, force=FORCE):  # noqa: B008
-        C = softer * R @ compliances @ R.T
+    def turn(R=np.eye(3), C=compliances, force=FORCE):  # noqa: B008
+        C = R @ C @ R.T
         return turn_by_force(p @ R.T, nhat @ R.T, C, torsional_arms=HARD, force=force)
 
     assert turn(Rotation.random(random_state=seed).as_matrix()) == pytest.approx(turn())
     assert turn(force=2 * FORCE) == pytest.approx(2 * turn())
-    # The contacts' own compliance, which stays, is a hundredth of the fingers'.
-    assert turn(softer=2.0) == pytest.approx(2 * turn(), rel=0.05)
+    # A contact has a compliance of 0.01 mm/N of its own, which then doubles as well.
+    assert turn(C=2 * compliances + 1e-5 * np.eye(3)) == pytest.approx(2 * turn())
 
 
 def test_contacts_around_the_centre_of_mass_do_not_turn_it_and_those_over_it_do():
