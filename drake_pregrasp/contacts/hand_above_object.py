@@ -45,12 +45,13 @@ class HandAboveObject:
             NaN where its joints do not get there.
         load_change: Change of the load, in any direction, by which a held object should turn
             little, in newtons.
-        least_link_gap: Least of these gaps with which the tip touches first, in metres.
+        least_link_gaps: Least of these gaps with which the tip touches first, and with which the
+            finger stands off, in metres.
         patch_radii: Radii of the patches of soft fingertips, and 0 for hard ones, shape (n,), in
             metres; None if all are hard.
         pairs: Pairs of contacts that must be opposite each other.
         opening: Largest distance of such contacts, in metres.
-        avoids_links: Whether contacts at which the gap is less than `least_link_gap` are left out:
+        avoids_links: Whether contacts at which a gap is less than `least_link_gaps` are left out:
             it takes time to find them all.
         clearance_weight: Factor of the costs of places at the edge of reach, and under parts of the
             object.
@@ -82,7 +83,7 @@ class HandAboveObject:
         (3, 3)
     )
     load_change: float = 0.0
-    least_link_gap: float = 0.0
+    least_link_gaps: tuple[float, float] = (0.0, 0.0)
     patch_radii: FloatArray | None = None
     pairs: tuple[Pair, ...] = ()
     opening: float = np.inf

@@ -125,9 +125,12 @@ class StartCandidates:
         return limits
 
     def has_clear_links(self, yaw: float, finger: int, candidates: IntArray) -> BoolArray:
-        """Returns whether a finger touches candidates with its tip before its links, shape (k,)."""
-        gaps = self._hand.link_gaps(yaw, finger, self._ways[0][finger, candidates])
-        return gaps >= self._hand.least_link_gap
+        """Returns whether a finger's links are clear at candidates and standoffs, shape (k,)."""
+        is_clear = np.ones(len(candidates), dtype=bool)
+        ends = self._ways[0], self._ways[-1]
+        for centres, least in zip(ends, self._hand.least_link_gaps, strict=True):
+            is_clear &= self._hand.link_gaps(yaw, finger, centres[finger, candidates]) >= least
+        return is_clear
 
     def reach_gaps_at(self, yaw: float) -> FloatArray:
         """Returns by how much each finger misses the nearest candidate on a side that it may touch.

@@ -29,7 +29,7 @@ from drake_pregrasp.errors import InvalidArgumentError, Lack, NoGraspError, OutO
 from drake_pregrasp.geometry.rotations import turn_about_z
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.grasping.clearances import TIP_LEAD
+from drake_pregrasp.grasping.clearances import LINK_CLEARANCE, TIP_LEAD
 from drake_pregrasp.grasping.grasp_state import GENTLE
 from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
 from drake_pregrasp.regions.finger_measures import FingerMeasures
@@ -195,7 +195,7 @@ def _chosen_contacts(
             link_gaps=link_gaps,
             compliance=compliance,
             load_change=LOAD_CHANGE * GRAVITY * mass,
-            least_link_gap=TIP_LEAD,
+            least_link_gaps=(TIP_LEAD, LINK_CLEARANCE),
             clearance_weight=_clearance_weight(hand, gravity),
         ),
     )

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.resources import missing_package
 from drake_pregrasp.robots import urdf_repair
-from drake_pregrasp.robots.robot_meshes import convert_meshes
+from drake_pregrasp.robots.robot_meshes import convert_meshes, cut_boxes
 
 PACKAGE = "example-robot-data"
 """Name of the pip distribution with the models."""
@@ -98,6 +98,7 @@ def write_robot(
     urdf_repair.drop_ignored(robot)
     urdf_repair.repair_inertias(robot)
     urdf_repair.set_contact(robot, _FRICTION, _STIFFNESS)
+    cut_boxes(robot, data.find)
     convert_meshes(robot, data.find, path.parent, on_progress)
     ElementTree.indent(robot)
     ElementTree.ElementTree(robot).write(path, encoding="utf-8", xml_declaration=True)

@@ -11,6 +11,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 import trimesh
 
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.errors import InvalidArgumentError, first_line
 from drake_pregrasp.geometry.meshes import Color, Piece, plain_color
 from drake_pregrasp.robots.urdf_repair import DRAKE
@@ -133,6 +134,41 @@ def convert_meshes(
     for link, visual in visuals:
         for mesh in visual.iter("mesh"):
             _show(link, visual, converted[_SHOWN, _name(mesh)], folder)
+
+
+def cut_boxes(robot: Element, find: Callable[[str], Path]) -> None:
+    """Cuts collision boxes to the bounds of their links' visual meshes.
+
+    Boxes of last links can go on into rubber tips, which then could not touch first at an angle.
+    Only boxes and meshes whose axes are those of their link are compared.
+
+    Args:
+        robot: The URDF, with the names of the original meshes.
+        find: Function that returns the file of a name.
+    """
+    for link in robot.iter("link"):
+        mesh, shown = link.find("visual/geometry/mesh"), link.find("visual/origin")
+        for collision in link.findall("collision"):
+            box, place = collision.find("geometry/box"), collision.find("origin")
+            if mesh is None or box is None or _is_turned(shown) or _is_turned(place):
+                continue
+            center, half = _vector(place, "xyz"), _vector(box, "size") / 2
+            bounds = trimesh.load_scene(find(_name(mesh))).bounds + _vector(shown, "xyz")
+            low = np.maximum(center - half, bounds[0])
+            high = np.minimum(center + half, bounds[1])
+            if np.all(low < high):
+                place = SubElement(collision, "origin") if place is None else place
+                place.set("xyz", " ".join(f"{x:.6g}" for x in (low + high) / 2))
+                box.set("size", " ".join(f"{x:.6g}" for x in high - low))
+
+
+def _is_turned(origin: Element | None) -> bool:
+    return bool(np.any(_vector(origin, "rpy")))
+
+
+def _vector(element: Element | None, key: str) -> FloatArray:
+    text = "0 0 0" if element is None else element.get(key, "0 0 0")
+    return np.array([float(part) for part in text.split()])
 
 
 def _targets(sources: Mapping[str, Path]) -> dict[str, Path]:

@@ -286,15 +286,21 @@ def test_a_finger_without_a_place_stays_away():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("gap", [0.002 - 1e-6, -np.inf])
-def test_contacts_that_a_link_touches_first_are_left_out(gap):
-    free, _ = chosen(shape_of("box0"))
+@pytest.mark.parametrize(
+    ("at_contact", "at_standoff"), [(0.002 - 1e-6, 1.0), (-np.inf, 1.0), (1.0, 0.005 - 1e-6)]
+)
+def test_contacts_at_which_a_link_is_too_near_are_left_out(at_contact, at_standoff):
+    shape = shape_of("box0")
+    free, _ = chosen(shape)
 
     def link_gaps(yaw, finger, p_OT):
-        near = np.linalg.norm(p_OT - free.p_OC[finger], axis=1) < 0.02
-        return np.where(near & (finger == 1), gap, 0.002)
+        stands_off = shape.solid.distance(p_OT) > TIP + 1e-6
+        near = np.linalg.norm(p_OT - free.p_OC[finger], axis=1) < 0.02 + 0.02 * stands_off
+        least = np.where(stands_off, 0.005, 0.002)
+        gaps = np.where(stands_off, at_standoff, at_contact)
+        return np.where(near & (finger == 1), gaps, least)
 
-    start, _ = chosen(shape_of("box0"), link_gaps=link_gaps, least_link_gap=0.002)
+    start, _ = chosen(shape, link_gaps=link_gaps, least_link_gaps=(0.002, 0.005))
     assert free.has_contact[1]
     assert not start.has_contact[1] or np.linalg.norm(start.p_OC[1] - free.p_OC[1]) > 0.01
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from drake_pregrasp.robots.robot_meshes import convert_meshes
+from drake_pregrasp.robots.robot_meshes import convert_meshes, cut_boxes
 
 SIZES = {
     "arm/part.stl": 0.1,
@@ -102,3 +102,51 @@ def test_files_above_those_of_others_stay_in_the_folder(tmp_path):
 def test_a_robot_without_meshes_needs_none(tmp_path):
     convert_meshes(robot_of([]), lambda name: tmp_path / name, tmp_path, lambda *step: None)
     assert not list(tmp_path.iterdir())
+
+
+PLAIN = "0 0 0"
+
+
+def box_cut_to_a_mesh(tmp_path, xyz, size, *, shown_at=PLAIN, shown_rpy=PLAIN, rpy=PLAIN):
+    """Returns the bounds of a box after it is cut to a mesh of 0.2 x 0.4 x 0.6 m at a place."""
+    trimesh.creation.box([0.2, 0.4, 0.6]).export(tmp_path / "link.stl")
+    robot = robot_of(["link.stl"])
+    link = robot.find("link")
+    ElementTree.SubElement(link.find("visual"), "origin", xyz=shown_at, rpy=shown_rpy)
+    collision = link.find("collision")
+    collision.remove(collision.find("geometry"))
+    ElementTree.SubElement(ElementTree.SubElement(collision, "geometry"), "box", size=size)
+    if xyz is not None:
+        ElementTree.SubElement(collision, "origin", xyz=xyz, rpy=rpy)
+    cut_boxes(robot, lambda name: tmp_path / name)
+    place, box = collision.find("origin"), collision.find("geometry/box")
+    center = np.zeros(3) if place is None else np.array(place.get("xyz").split(), dtype=float)
+    half = np.array(box.get("size").split(), dtype=float) / 2
+    return np.array([center - half, center + half])
+
+
+@pytest.mark.parametrize(
+    ("xyz", "size", "shown_at"),
+    [
+        ("0 0 0.2", "0.1 0.1 0.6", PLAIN),  # Goes on beyond the mesh's end.
+        ("0 0 0.2", "0.1 0.1 0.6", "0 0 0.5"),
+        ("0.05 -0.1 0", "0.3 0.5 0.1", PLAIN),
+        (None, "1 1 1", PLAIN),
+        ("0.01 0.02 0.03", "0.1 0.1 0.1", PLAIN),  # Lies inside.
+    ],
+)
+def test_a_collision_box_is_cut_to_what_it_shares_with_the_mesh(tmp_path, xyz, size, shown_at):
+    center = np.zeros(3) if xyz is None else np.array(xyz.split(), dtype=float)
+    half, at = np.array(size.split(), dtype=float) / 2, np.array(shown_at.split(), dtype=float)
+    low = np.maximum(center - half, at - [0.1, 0.2, 0.3])
+    high = np.minimum(center + half, at + [0.1, 0.2, 0.3])
+    bounds = box_cut_to_a_mesh(tmp_path, xyz, size, shown_at=shown_at)
+    np.testing.assert_allclose(bounds, [low, high], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "options", [{"rpy": "0 0 0.1"}, {"shown_rpy": "0.1 0 0"}, {"shown_at": "2 0 0"}]
+)
+def test_a_turned_or_distant_box_stays_whole(tmp_path, options):
+    bounds = box_cut_to_a_mesh(tmp_path, "0 0 0.2", "1 1 1", **options)
+    np.testing.assert_allclose(bounds, [[-0.5, -0.5, -0.3], [0.5, 0.5, 0.7]])
