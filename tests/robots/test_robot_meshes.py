@@ -138,8 +138,8 @@ def box_cut_to_a_mesh(tmp_path, xyz, size, *, shown_at=PLAIN, shown_rpy=PLAIN, r
 def test_a_collision_box_is_cut_to_what_it_shares_with_the_mesh(tmp_path, xyz, size, shown_at):
     center = np.zeros(3) if xyz is None else np.array(xyz.split(), dtype=float)
     half, at = np.array(size.split(), dtype=float) / 2, np.array(shown_at.split(), dtype=float)
-    low = np.maximum(center - half, at - [0.1, 0.2, 0.3])
-    high = np.minimum(center + half, at + [0.1, 0.2, 0.3])
+    extent = np.array([0.1, 0.2, 0.3])
+    low, high = np.maximum(center - half, at - extent), np.minimum(center + half, at + extent)
     bounds = box_cut_to_a_mesh(tmp_path, xyz, size, shown_at=shown_at)
     np.testing.assert_allclose(bounds, [low, high], atol=1e-6)
 
