@@ -322,7 +322,7 @@ def motorized(folder):
 def test_the_station_is_a_client_of_the_iiwa_driver_of_hardware_sim(tmp_path):
     drivers = {"panda": "IIWA", "allegro": "ALLEGRO"}
     make_robot = functools.partial(HardwareSim, folder=tmp_path)
-    # The driver's arm follows late and swings, by which fingers in the air feel up to 0.3 N.
+    # The driver's arm follows late and swings, by which fingers in the air feel up to 0.36 N.
     text = "{grasp: {touch_force: 0.4}}"
     station, context, robot = grasp_over_lcm("grasp_allegro_panda", drivers, URL, make_robot, text)
     assert phase(station, context) is dp.GraspPhase.HOLD
