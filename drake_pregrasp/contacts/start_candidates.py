@@ -125,12 +125,16 @@ class StartCandidates:
         return limits
 
     def has_clear_links(self, yaw: float, finger: int, candidates: IntArray) -> BoolArray:
-        """Returns whether a finger's links are clear at candidates and standoffs, shape (k,)."""
-        is_clear = np.ones(len(candidates), dtype=bool)
-        ends = self._ways[0], self._ways[-1]
-        for centres, least in zip(ends, self._hand.least_link_gaps, strict=True):
-            is_clear &= self._hand.link_gaps(yaw, finger, centres[finger, candidates]) >= least
-        return is_clear
+        """Returns whether a finger's links are clear at candidates and standoffs, shape (k,).
+
+        A standoff to which its joints do not get counts as clear: the palm goes with the fingers.
+        """
+        touching, standing_off = (
+            self._hand.link_gaps(yaw, finger, centres[finger, candidates])
+            for centres in (self._ways[0], self._ways[-1])
+        )
+        least, least_off = self._hand.least_link_gaps
+        return (touching >= least) & ((standing_off >= least_off) | np.isneginf(standing_off))
 
     def reach_gaps_at(self, yaw: float) -> FloatArray:
         """Returns by how much each finger misses the nearest candidate on a side that it may touch.

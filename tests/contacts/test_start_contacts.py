@@ -305,6 +305,18 @@ def test_contacts_at_which_a_link_is_too_near_are_left_out(at_contact, at_stando
     assert not start.has_contact[1] or np.linalg.norm(start.p_OC[1] - free.p_OC[1]) > 0.01
 
 
+@pytest.mark.slow
+def test_links_are_not_judged_at_a_standoff_to_which_joints_do_not_get():
+    shape = shape_of("box0")
+    free, _ = chosen(shape)
+
+    def link_gaps(yaw, finger, p_OT):
+        return np.where(shape.solid.distance(p_OT) > TIP + 1e-6, -np.inf, 0.002)
+
+    start, _ = chosen(shape, link_gaps=link_gaps, least_link_gaps=(0.002, 0.005))
+    np.testing.assert_array_equal(start.p_OC, free.p_OC)
+
+
 @pytest.mark.parametrize("mass", [0.1, 0.3])
 def test_an_object_that_turns_far_with_its_load_lowers_the_score(mass):
     surface, load = surface_of(shape_of("box0")), 0.5 * 9.81 * mass
