@@ -576,6 +576,30 @@ def test_from_the_lift_on_fingers_press_against_turns_of_the_object():
     assert phases == {GraspPhase.LIFT, GraspPhase.HOLD}
 
 
+@pytest.mark.parametrize(
+    ("feels", "gap", "reason"),
+    [
+        (1.0, 0.0, GiveUp.NONE),
+        (0.0, 0.0, GiveUp.LOST_TOUCH),
+        (1.0, 0.02, GiveUp.LOST_TOUCH),  # What it feels is something else.
+    ],
+)
+def test_a_finger_that_feels_the_object_beside_its_tip_has_not_lost_touch(feels, gap, reason):
+    X_WO = RigidTransform([0.0, 0.0, 0.05])
+    hand = squeeze_at(X_WO)
+    while hand.array("grasp_report")[0] < GraspPhase.HOLD:
+        hand.fix(p_WT=tips_at(hand.eval("X_WG"), 0.0))
+        hand.tick()
+    X_WG, along = hand.eval("X_WG"), feels * np.cross(RING[0], [0.0, 0.0, 1.0])
+    first = (np.arange(N) == 0)[:, None]
+    f_GT = np.where(first, along, -RING)
+    gaps = np.where(first, gap, 0.0)
+    p_GT = (0.05 + RADIUS + gaps) * RING
+    hand.fix(p_WT=(X_WG @ p_GT.T).T.ravel(), f_T_W=(f_GT @ X_WG.rotation().matrix().T).ravel())
+    hand.advance(0.2)
+    assert hand.array("grasp_report")[2] == reason
+
+
 def test_a_finger_that_was_not_measured_as_the_lift_ended_leaves_the_forces_finite():
     X_WO = RigidTransform([0.0, 0.0, 0.05])
     hand = squeeze_at(X_WO)
