@@ -17,6 +17,7 @@ from drake_pregrasp.config.hand_description import Carrier, Closing, Drive, Hand
 from drake_pregrasp.diagrams.approaches import best_approach
 from drake_pregrasp.errors import Lack, NoGraspError
 from drake_pregrasp.geometry.solids import HalfSpace
+from drake_pregrasp.grasping.clearances import LINK_CLEARANCE, TIP_LEAD
 from drake_pregrasp.quality.grasp_stiffness import turn_by_force
 from drake_pregrasp.systems.palm_frames import FROM_ABOVE
 
@@ -231,6 +232,39 @@ def test_start_contacts_score_lower_by_the_turn_of_the_object_with_its_load(kind
     np.testing.assert_array_equal(starts[0].p_OC, starts[1].p_OC)
     assert turns[1] == pytest.approx(1.02 * turns[0], rel=1e-3)
     assert starts[0].score - starts[1].score == pytest.approx(6.0 * (turns[1] - turns[0]), rel=1e-4)
+
+
+MUG = """
+object: !Mesh {file: "package://drake_pregrasp/mug.obj", mass: 0.3}
+initial_contacts: []
+grasp: {approaches: [above]}
+"""
+
+
+@pytest.mark.slow
+def test_links_are_clear_of_the_object_at_start_contacts_and_their_standoffs():
+    """Other contacts on this mug have a margin as large, and a link too near at a standoff."""
+    if lacking_shadow():
+        pytest.skip(lacking_shadow())
+    resolved = dp.load_resolved("grasp_shadow", text=MUG)
+    hand, surface, start = resolved.hand, resolved.surface, resolved.start
+    X_OU = resolved.X_WO.inverse() @ RigidTransform(resolved.X_WO @ surface.p_OCoM)
+    X_OU = X_OU @ RigidTransform(RotationMatrix.MakeZRotation(start.yaw), np.zeros(3))
+    nhat = surface.project(start.p_OC)[1]
+    gaps = {}
+    for standoff in (0.0, resolved.scenario.grasp.standoff):
+        p_OT = start.p_OC + (hand.tip_radii[:, None] + standoff) * nhat
+        gaps[standoff] = [
+            hand.fingers.link_gaps(
+                finger,
+                (X_OU.inverse() @ p_OT[[finger]].T).T,
+                lambda p: resolved.shape.solid.distance((X_OU @ p.T).T),
+            )[0]
+            for finger in np.flatnonzero(start.has_contact).tolist()
+        ]
+    touching, standing_off = gaps.values()
+    assert np.min(touching) >= TIP_LEAD
+    assert np.min(np.where(np.isneginf(standing_off), np.inf, standing_off)) >= LINK_CLEARANCE
 
 
 @pytest.mark.slow
