@@ -67,39 +67,41 @@ def guard_measure(
 def keep_quality(
     selection: SelectionInput,
     goals: FloatArray,
-    active: BoolArray,
+    may_stay: BoolArray,
     measure: Measure,
     groups: Sequence[Sequence[int]],
 ) -> FloatArray:
     """Moves contacts one after another, each only if no measure of the grasp falls.
 
+    Contacts that have to move do so first. The grasp has all contacts with a region: without one
+    that moves, the others would be free to lose force closure.
+
     Args:
-        selection: Surface and contacts of this tick.
+        selection: Surface, contacts and regions of this tick.
         goals: Goals of the contacts, shape (n, 3), in metres.
-        active: Mask of the contacts in the grasp, shape (n,); the others move freely.
-        measure: Measures of the active contacts, none of which may fall.
+        may_stay: Mask of the contacts that need not move, shape (n,), each with a region.
+        measure: Measures of the grasp, none of which may fall.
         groups: Groups of contacts that move together; each contact is in one group.
 
     Returns:
-        Contacts, shape (n, 3), in metres. Each measure is at least that of `selection.p_OC`, up to
-        rounding.
+        Contacts, shape (n, 3), in metres. Each measure is at least that with `selection.p_OC` for
+        those that may stay, up to rounding.
     """
     # Each contact is either where it was or at its goal, so that its normal is one of two.
     surface, p_OC_before = selection.surface, selection.p_OC
-    surface = selection.surface
     normals_before, normals_there = surface.project(p_OC_before)[1], surface.project(goals)[1]
-    steps = ~active
+    steps, grasp = ~may_stay, selection.active
 
     def quality_after(steps: BoolArray) -> Iterable[float]:
-        if not np.any(active):
+        if not np.any(grasp):
             return [0.0]
-        p_OC = np.where(steps[:, None], goals, p_OC_before)[active]
-        normals = np.where(steps[:, None], normals_there, normals_before)[active]
+        p_OC = np.where(steps[:, None], goals, p_OC_before)[grasp]
+        normals = np.where(steps[:, None], normals_there, normals_before)[grasp]
         return measure(surface, p_OC, normals)
 
     quality = list(quality_after(steps))
     for group in groups:
-        members = [contact for contact in group if active[contact]]
+        members = [contact for contact in group if may_stay[contact]]
         if not members or np.all(goals[members] == p_OC_before[members]):
             continue
         proposal = steps.copy()

@@ -31,6 +31,8 @@ TIE = 1e-6
 _COMFORT = 0.2  # Cost of fingertips that are the hand's radius away from their homes.
 _FLAT = 2.0  # Cost of contacts with a mean slope of 1 around them.
 _EDGE, _RESERVE = 0.1, 0.1  # Cost of a contact out of reach after a turn by this, in radians.
+_BARRED = 1.0  # Cost of a contact that is not permitted after a shift by this along an axis:
+_SHIFTS = 0.003 * np.vstack([np.eye(3), -np.eye(3)])  # noise would move it at once. In metres.
 _COVER = 0.1  # Cost of a contact with a part of the object over its fingertip's centre.
 _TIPPING = 0.4  # Cost of a contact for each tipping moment beyond the first of these shares of it;
 _SAFE, _TIPPED = 0.75, 2.0  # from the second on none: a ball rolls wherever a finger presses.
@@ -198,7 +200,8 @@ class StartCandidates:
         """Returns the cost of each fingertip's path from home to each candidate, shape (n, K).
 
         Home is at the height of the centre of mass, and the unit of length is the hand's radius at
-        home. Contacts on edges, on thin parts, at the edge of reach and under parts cost more.
+        home. Contacts on edges, on thin parts, at the edge of reach, near obstacles and under parts
+        cost more.
         """
         home = self.homes_at(yaw)
         from_axis = home - self.across(self._p_OCoM)
@@ -206,6 +209,10 @@ class StartCandidates:
         away = self._ways[0] - home[:, None] - (self._p_OCoM @ self._up) * self._up
         costs: FloatArray = _COMFORT * np.linalg.norm(away, axis=2) / radius
         costs += self._slopes + self._hand.clearance_weight * self._cover
+        constraints = self._hand.constraints_at(yaw)
+        for i, cost in enumerate(costs):
+            shifted = [constraints.limits_at(i, self.p_OQ + d, self.nhat_OQ)[0] for d in _SHIFTS]
+            cost += _BARRED * np.any(np.array(shifted) != Limit.NONE, axis=0)
         for turn in (-_RESERVE, _RESERVE) if self._hand.clearance_weight else ():
             turned = self._hand.constraints_at(yaw + turn)
             limits = [turned.limits_at(i, self.p_OQ, self.nhat_OQ)[0] for i in range(self._n)]

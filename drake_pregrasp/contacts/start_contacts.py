@@ -52,10 +52,10 @@ def choose_start_contacts(
     then turns with the others. If this leads to no grasp from any yaw, the palm keeps its yaw,
     unless its contacts would turn it far. Lower places are preferred if a finger nearly tips the
     object. Places at the edge of reach and under parts of the object cost more, unless this leaves
-    no grasp. A grasp in which a change of the load turns the object far, as the fingers yield, is
-    worth less. Then all other yaws are tried, too, if the best ones have none. If a finger did not
-    get there with its joints, or touched the object with another link before its tip, all such
-    contacts are left out.
+    no grasp. So do places from which the noise of a pose would move a finger at once. A grasp in
+    which a change of the load turns the object far, as the fingers yield, is worth less. Then all
+    other yaws are tried, too, if the best ones have none. If a finger did not get there with its
+    joints, or touched the object with another link before its tip, all such contacts are left out.
 
     Args:
         surface: The object's surface.

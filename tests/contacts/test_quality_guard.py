@@ -2,11 +2,21 @@
 
 import numpy as np
 import pytest
-from selections import CUBE, always_worse, goals_towards, lengths, spread_contacts, wander
+from selections import (
+    CUBE,
+    always_worse,
+    given_regions,
+    goals_towards,
+    lengths,
+    nearest_candidate,
+    spread_contacts,
+    wander,
+)
 
 from drake_pregrasp import InvalidArgumentError
 from drake_pregrasp.contacts.goal_limits import ContactLimits
-from drake_pregrasp.contacts.quality_guard import GUARDS, guard_measure
+from drake_pregrasp.contacts.quality_guard import GUARDS, guard_measure, keep_quality
+from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface
 from drake_pregrasp.geometry.shapes import cylinder_shape
 from drake_pregrasp.regions.independent_regions import slip_radii_within
@@ -84,6 +94,32 @@ def test_a_step_that_leaves_the_grasp_as_good_is_taken():
     after = np.roll(before, 1, axis=0)
     for guard, expected in ((lambda surface, p_OC, nhat: [1.0], after), (always_worse(), before)):
         np.testing.assert_allclose(goals_towards(after, before, guard=guard), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_a_contact_that_has_to_move_leaves_of_the_grasp_is_guarded(seed):
+    """Without it, the two others have no force closure that they could lose."""
+    rng, angles = np.random.default_rng(seed), 2 * np.pi / 3 * np.arange(3)
+    measure = guard_measure(("margin",), 0.7)
+
+    def around(angles, height):
+        around = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
+        places = 0.035 * around + [0.0, 0.0, height]
+        return CAN.p_OQ[[nearest_candidate(CAN, place) for place in places]]
+
+    def margin(p_OC):
+        return next(iter(measure(CAN, p_OC, CAN.project(p_OC)[1])))
+
+    # The two others would come nearer to the first one.
+    steps = np.array([0.1, -1.0, 1.0]) * rng.uniform(0.7, 1.0, 3)
+    before, goals = around(angles, 0.0), around(angles + steps, 0.02)
+    regions = given_regions(CAN, *([nearest_candidate(CAN, p)] for p in goals))
+    selection = SelectionInput(CAN, before, regions, np.eye(3))
+    after = keep_quality(selection, goals, np.arange(3) > 0, measure, [[0], [1], [2]])
+    moved = np.where((np.arange(3) == 0)[:, None], goals, before)
+    np.testing.assert_array_equal(after[0], goals[0])
+    assert 0 < margin(moved) <= margin(after) + 1e-9
+    assert margin(goals) < margin(moved)
 
 
 def test_an_unknown_guard_is_refused_and_no_guard_is_none():

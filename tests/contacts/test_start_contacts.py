@@ -305,6 +305,20 @@ def test_contacts_at_which_a_link_is_too_near_are_left_out(at_contact, at_stando
     assert not start.has_contact[1] or np.linalg.norm(start.p_OC[1] - free.p_OC[1]) > 0.01
 
 
+@pytest.mark.parametrize("name", ["box0", slow("cylinder0"), slow("mug")])
+def test_noise_does_not_bar_start_contacts_at_once(name):
+    """Shifts by 3 mm leave them permitted; a low centre of mass draws them to the table."""
+    shape = shape_of(name)
+    low = np.array([0.0, 0.0, shape.mesh.bounds[0][2] + 0.012])
+    surface = replace(surface_of(shape, spacing=0.004), p_OCoM=low)
+    start, hand = chosen(shape, surface, turn=0.3)
+    limits = hand.constraints_at(start.yaw)
+    for finger in np.flatnonzero(start.has_contact).tolist():
+        p, nhat = start.p_OC[[finger]], surface.project(start.p_OC[[finger]])[1]
+        for shift in 0.003 * np.vstack([np.eye(3), -np.eye(3)]):
+            assert limits.limits_at(finger, p + shift, nhat)[0] == Limit.NONE
+
+
 @pytest.mark.slow
 def test_links_are_not_judged_at_a_standoff_to_which_joints_do_not_get():
     shape = shape_of("box0")
