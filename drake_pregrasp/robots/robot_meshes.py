@@ -137,9 +137,9 @@ def convert_meshes(
 
 
 def cut_boxes(robot: Element, find: Callable[[str], Path]) -> None:
-    """Cuts collision boxes to the bounds of their links' visual meshes.
+    """Cuts collision boxes to the bounds of the first visual mesh of their links.
 
-    Boxes of last links can go on into rubber tips, which then could not touch first at an angle.
+    A box that goes on into a rubber tip would touch before the tip at an angle.
     Only boxes and meshes whose axes are those of their link are compared.
 
     Args:
